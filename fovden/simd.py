@@ -1,0 +1,430 @@
+"""Compiled kernels, and the vector layer under them.
+
+Numba's loops over eight lanes do not become vector instructions inside a branchy traversal, so the few operations that
+decide the speed are written as LLVM vector code in intrinsics. :class:`Lanes` overloads Python's operators so that such
+code reads like its formula. No fast-math flag is set anywhere: an operation rounds as IEEE 754 says, the comparisons'
+treatment of NaN is known, and a product is fused into a sum only where :func:`fma` is written.
+
+Every intrinsic has a twin in plain Numba. The twin is its oracle in the tests, and its replacement where the
+environment variable ``FOVDEN_SIMD`` is ``0``.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+import numba
+from llvmlite import ir
+from numba import config, types
+from numba.core import cgutils
+from numba.core.errors import RequireLiteralValue
+from numba.extending import intrinsic
+
+__all__ = [
+    "ENABLED",
+    "Float",
+    "Int",
+    "Lanes",
+    "bits_of",
+    "fma",
+    "inlined",
+    "kernel",
+    "load",
+    "load_int32",
+    "maximum",
+    "minimum",
+    "pointer_to",
+    "splat",
+    "stack_floats",
+    "stack_words",
+    "store",
+    "trailing_zeros",
+]
+
+ENABLED = os.environ.get("FOVDEN_SIMD", "1") != "0"
+"""Whether kernels use the vector intrinsics or their plain twins."""
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+PACKAGE = Path(__file__).parent
+
+
+def kernel(function: Function) -> Function:
+    """Compiles a function on its first call, without the global interpreter lock, and keeps the code on disk.
+
+    Division follows IEEE rules (x / 0 is infinite) and floating-point operations stay as written.
+
+    Args:
+        function: A module-level function of numbers, arrays and pointers.
+
+    Returns:
+        The compiled function.
+
+    Example:
+        >>> @kernel
+        ... def add(a: float, b: float) -> float:
+        ...     return a + b
+        >>> add(1.0, 2.0)
+        3.0
+    """
+    return _compiled(function, forceinline=False)
+
+
+def inlined(function: Function) -> Function:
+    """Compiles like :func:`kernel`, and copies the code into every kernel that calls it.
+
+    Args:
+        function: A small module-level function.
+
+    Returns:
+        The compiled function.
+
+    Example:
+        >>> @inlined
+        ... def double(a: float) -> float:
+        ...     return a + a
+        >>> double(2.0)
+        4.0
+    """
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: Function, *, forceinline: bool) -> Function:
+    # Numba looks at the folder's name while it decorates, so the setting is needed for that moment alone.
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(_cache_folder())
+    try:
+        on_disk = Path(function.__code__.co_filename).is_file()  # not so in a notebook
+        decorate = numba.njit(nogil=True, cache=on_disk, error_model="numpy", forceinline=forceinline)
+        compiled: Function = decorate(function)
+    finally:
+        config.CACHE_DIR = before
+    return compiled
+
+
+@cache
+def _cache_folder() -> Path:
+    """A folder for compiled code, named after the sources of all kernels.
+
+    Numba recompiles a function when its own file changes, but not when a function or intrinsic that it inlines from
+    another file does; with the sources' digest in the name, stale code is never found.
+    """
+    digest = hashlib.sha256()
+    sources = [PACKAGE / "simd.py", PACKAGE / "rng.py", *sorted(PACKAGE.glob("*/kernels/*.py"))]
+    for source in sources:
+        digest.update(source.read_bytes())
+    digest.update(b"vector" if ENABLED else b"plain")
+    name = f"kernels-{digest.hexdigest()[:16]}"
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "fovden"
+    for parent in [Path(chosen)] if chosen else [PACKAGE / "__pycache__", user]:
+        try:
+            (parent / name).mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=parent / name):
+                return parent / name
+        except OSError:
+            continue
+    temporary = Path(tempfile.mkdtemp(prefix="fovden-"))
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    warnings.warn(
+        f"no folder for compiled kernels is writable; they are compiled anew in every process (in {temporary}); "
+        "set NUMBA_CACHE_DIR to a writable folder",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return temporary
+
+
+# The types of values inside kernels. To the type checker the numbers are anything: Numba infers and checks them.
+
+Float: TypeAlias = Any
+"""A float32 inside a kernel."""
+
+Int: TypeAlias = Any
+"""An integer inside a kernel; int64 unless it says otherwise."""
+
+F32, I32, I64 = ir.FloatType(), ir.IntType(32), ir.IntType(64)
+FLOATS, WORDS = types.CPointer(types.float32), types.CPointer(types.int64)
+Value = Any
+Builder = Any
+
+
+class Lanes:
+    """A vector inside an intrinsic: ``width`` float32 numbers, or the mask that a comparison of such makes.
+
+    Args:
+        builder: The LLVM builder that emits the operations.
+        value: The LLVM vector.
+
+    Example:
+        >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
+        >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+        >>> str((one + one * one).value.type)
+        '<8 x float>'
+    """
+
+    __slots__ = ("builder", "value")
+
+    def __init__(self, builder: Builder, value: Value) -> None:
+        self.builder, self.value = builder, value
+
+    @property
+    def width(self) -> int:
+        """Number of lanes."""
+        return int(self.value.type.count)
+
+    def _emit(self, operation: str, *operands: Lanes | float) -> Lanes:
+        values = [x.value if isinstance(x, Lanes) else self._constant(x) for x in operands]
+        return Lanes(self.builder, getattr(self.builder, operation)(*values))
+
+    def _constant(self, number: float) -> Value:
+        return ir.Constant(self.value.type, [number] * self.width)
+
+    def __add__(self, other: Lanes | float) -> Lanes:
+        return self._emit("fadd", self, other)
+
+    def __sub__(self, other: Lanes | float) -> Lanes:
+        return self._emit("fsub", self, other)
+
+    def __mul__(self, other: Lanes | float) -> Lanes:
+        return self._emit("fmul", self, other)
+
+    def __truediv__(self, other: Lanes | float) -> Lanes:
+        return self._emit("fdiv", self, other)
+
+    def _compare(self, relation: str, other: Lanes | float) -> Lanes:
+        right = other.value if isinstance(other, Lanes) else self._constant(other)
+        return Lanes(self.builder, self.builder.fcmp_ordered(relation, self.value, right))
+
+    def __lt__(self, other: Lanes | float) -> Lanes:
+        return self._compare("<", other)
+
+    def __le__(self, other: Lanes | float) -> Lanes:
+        return self._compare("<=", other)
+
+    def __gt__(self, other: Lanes | float) -> Lanes:
+        return self._compare(">", other)
+
+    def __ge__(self, other: Lanes | float) -> Lanes:
+        return self._compare(">=", other)
+
+    def __and__(self, other: Lanes) -> Lanes:
+        return self._emit("and_", self, other)
+
+    def __or__(self, other: Lanes) -> Lanes:
+        return self._emit("or_", self, other)
+
+    def select(self, if_true: Lanes, if_false: Lanes) -> Lanes:
+        """Returns, lane by lane, the first value where this mask is set and the second elsewhere.
+
+        Example:
+            >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
+            >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+            >>> (one < 2.0).select(one, one + one).width
+            8
+        """
+        return self._emit("select", self, if_true, if_false)
+
+    def flip_sign(self, other: Lanes) -> Lanes:
+        """Returns the numbers with their sign changed wherever the other number is negative.
+
+        Example:
+            >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
+            >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+            >>> one.flip_sign(one).width
+            8
+        """
+        integers = ir.VectorType(I32, self.width)
+        sign = self.builder.and_(self.builder.bitcast(other.value, integers), _repeated(integers, 0x80000000))
+        flipped = self.builder.xor(self.builder.bitcast(self.value, integers), sign)
+        return Lanes(self.builder, self.builder.bitcast(flipped, self.value.type))
+
+    def bits(self) -> Value:
+        """Returns a mask as an int32 scalar whose bit i is lane i.
+
+        Example:
+            >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
+            >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+            >>> str((one < 2.0).bits().type)
+            'i32'
+        """
+        return self.builder.zext(self.builder.bitcast(self.value, ir.IntType(self.width)), I32)
+
+
+def _repeated(vector: Value, number: int) -> Value:
+    return ir.Constant(vector, [number] * vector.count)
+
+
+def minimum(a: Lanes, b: Lanes) -> Lanes:
+    """Returns the smaller numbers; where either is NaN, those of ``b``.
+
+    Example:
+        >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
+        >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+        >>> minimum(one, one).width
+        8
+    """
+    return (a < b).select(a, b)
+
+
+def maximum(a: Lanes, b: Lanes) -> Lanes:
+    """Returns the larger numbers; where either is NaN, those of ``b``.
+
+    Example:
+        >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
+        >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+        >>> maximum(one, one).width
+        8
+    """
+    return (a > b).select(a, b)
+
+
+def fma(a: Lanes, b: Lanes, c: Lanes) -> Lanes:
+    """Returns a b + c, with one rounding where the processor has such an instruction.
+
+    ``llvm.fma`` instead would be a library call per lane where it has not.
+
+    Example:
+        >>> function = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f")
+        >>> one = splat(ir.IRBuilder(function.append_basic_block()), ir.Constant(F32, 1.0), 8)
+        >>> fma(one, one, one).width
+        8
+    """
+    kind = a.value.type
+    signature = ir.FunctionType(kind, [kind] * 3)
+    function = cgutils.get_or_insert_function(a.builder.module, signature, f"llvm.fmuladd.v{a.width}f32")
+    return Lanes(a.builder, a.builder.call(function, [a.value, b.value, c.value]))
+
+
+def splat(builder: Builder, number: Value, width: int) -> Lanes:
+    """Returns a vector whose lanes all hold the scalar.
+
+    Example:
+        >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
+        >>> splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 16).width
+        16
+    """
+    empty = ir.Constant(ir.VectorType(number.type, width), ir.Undefined)
+    first = builder.insert_element(empty, number, ir.Constant(I32, 0))
+    return Lanes(builder, builder.shuffle_vector(first, empty, _repeated(ir.VectorType(I32, width), 0)))
+
+
+def load(builder: Builder, pointer: Value, offset: Value | int, width: int, element: Value = F32) -> Lanes:
+    """Returns consecutive numbers from memory that is aligned to the vector's size.
+
+    Args:
+        builder: The LLVM builder.
+        pointer: Pointer to float32.
+        offset: Distance in elements.
+        width: Number of lanes.
+        element: Type to read them as: float32 or int32.
+
+    Returns:
+        The vector.
+
+    Example:
+        >>> kind = ir.FunctionType(ir.VoidType(), [F32.as_pointer()])
+        >>> function = ir.Function(ir.Module(), kind, "f")
+        >>> load(ir.IRBuilder(function.append_basic_block()), function.args[0], 8, 8).width
+        8
+    """
+    place = builder.gep(pointer, [ir.Constant(I64, offset) if isinstance(offset, int) else offset])
+    place = builder.bitcast(place, ir.VectorType(element, width).as_pointer())
+    return Lanes(builder, builder.load(place, align=4 * width))
+
+
+def store(builder: Builder, lanes: Lanes, pointer: Value, offset: int = 0) -> None:
+    """Writes a vector to memory that is aligned to its size.
+
+    Args:
+        builder: The LLVM builder.
+        lanes: What to write.
+        pointer: Pointer to elements of the vector's kind.
+        offset: Distance in elements.
+
+    Example:
+        >>> function = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), [F32.as_pointer()]), "f")
+        >>> builder = ir.IRBuilder(function.append_basic_block())
+        >>> store(builder, splat(builder, ir.Constant(F32, 1.0), 8), function.args[0])
+    """
+    place = builder.gep(pointer, [ir.Constant(I64, offset)])
+    place = builder.bitcast(place, lanes.value.type.as_pointer())
+    builder.store(lanes.value, place, align=lanes.width * (8 if lanes.value.type.element == I64 else 4))
+
+
+# Scalar intrinsics: what Numba's language lacks.
+
+
+@intrinsic
+def pointer_to(context: Any, array: Any) -> Any:
+    """Pointer to an array's first element: one word to pass on where an array is seven."""
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        return target.make_array(signature.args[0])(target, builder, arguments[0]).data
+
+    return types.CPointer(array.dtype)(array), generate
+
+
+def _stack(numba_type: Any, llvm_type: Any) -> Any:
+    @intrinsic
+    def stack(context: Any, count: Any) -> Any:
+        if not isinstance(count, types.IntegerLiteral):
+            raise RequireLiteralValue("count")
+        size = count.literal_value
+
+        def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+            # In the entry block: an alloca inside a loop would eat the stack.
+            place = cgutils.alloca_once(builder, ir.ArrayType(llvm_type, size))
+            place.align = 64
+            return builder.bitcast(place, llvm_type.as_pointer())
+
+        return types.CPointer(numba_type)(count), generate
+
+    return stack
+
+
+stack_floats = _stack(types.float32, F32)
+"""``stack_floats(n)``: n float32 on the stack, aligned to 64 bytes; n is a literal."""
+
+stack_words = _stack(types.int64, I64)
+"""``stack_words(n)``: n int64 on the stack, aligned to 64 bytes; n is a literal."""
+
+
+@intrinsic
+def trailing_zeros(context: Any, number: Any) -> Any:
+    """Number of zero bits below the lowest set bit of an int32 that is not zero."""
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int32(types.int32), generate
+
+
+@intrinsic
+def bits_of(context: Any, number: Any) -> Any:
+    """The bits of a float32 as an int32."""
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        return builder.bitcast(arguments[0], I32)
+
+    return types.int32(types.float32), generate
+
+
+@intrinsic
+def load_int32(context: Any, pointer: Any, offset: Any) -> Any:
+    """The int32 at a float32 pointer plus an offset in elements."""
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        place = builder.bitcast(builder.gep(arguments[0], [arguments[1]]), I32.as_pointer())
+        return builder.load(place)
+
+    return types.int32(FLOATS, types.int64), generate

@@ -1,0 +1,17 @@
+"""Fixtures that every test may use."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def shared_scenes() -> Path:
+    """The folder of real scenes; tests that need it skip with a message where it is absent."""
+    folder = Path(os.environ.get("FOVDEN_SCENES", ROOT.parent / "shared" / "scenes"))
+    if not folder.is_dir():
+        pytest.skip(f"the real scenes are not at {folder}; set FOVDEN_SCENES to their folder")
+    return folder
