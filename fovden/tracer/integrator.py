@@ -1,0 +1,136 @@
+"""Noisy frames: a G-buffer prepass over every pixel, then paths from the pixels that a sample map lists.
+
+A path casts one shadow ray to a random light from the surface that the pixel shows, bounces once with the cosine
+density, and casts one shadow ray there: the setting of the 2023 paper (section 3.4), and of a path tracer with a
+maximal depth of three. Surfaces are Lambertian and scatter on both sides; emission leaves on the geometric normal's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from fovden import parallel
+from fovden.camera import Camera, StereoCamera
+from fovden.checks import require, require_integer
+from fovden.foveation.sample_map import SampleMap
+from fovden.frame import Frame
+from fovden.rng import Stream
+from fovden.tracer.arrays import LightChoice, view_arrays
+from fovden.tracer.gbuffer import trace_visible
+from fovden.tracer.kernels import paths
+from fovden.tracer.scene import Scene
+
+__all__ = ["trace_frame"]
+
+PIXELS_PER_TILE = 1024
+
+
+def trace_frame(
+    scene: Scene,
+    camera: Camera | StereoCamera,
+    samples: SampleMap | int,
+    *,
+    seed: int = 0,
+    index: int = 0,
+    jitter: tuple[float, float] = (0.0, 0.0),
+    lights: LightChoice = "uniform",
+    progress: parallel.Progress = None,
+) -> Frame:
+    """Returns a noisy frame: all views in one dispatch for the G-buffer and one for the paths.
+
+    The result is a function of the arguments alone, to the bit: it depends neither on the number of threads nor on
+    the order of the sample map's coordinates.
+
+    Args:
+        scene: The scene.
+        camera: The views.
+        samples: How many paths each pixel gets, or one number for all pixels.
+        seed: Seed of the random numbers, 0 to 2^32 - 1.
+        index: Number of the frame in its sequence, kept in the record.
+        jitter: Shift (x, y) of the whole frame in pixels; (0, 0) means that rays pass through pixel centres.
+        lights: How each path chooses a light, ``"uniform"`` (the papers') or ``"power"``.
+        progress: See :func:`fovden.parallel.run`.
+
+    Returns:
+        The frame.
+
+    Raises:
+        ValueError: If the scene has no light, the sample map is for another camera, or an argument is out of range.
+
+    Differentiable: no. Source: the 2023 paper, section 3.4; units and conventions as in :mod:`fovden.camera`.
+
+    Example:
+        >>> from fovden.tracer import make_scene
+        >>> scene = make_scene("cornell_box")
+        >>> frame = trace_frame(scene, scene.camera.at(resolution=(16, 16)), 2, seed=1)
+        >>> frame.radiance.shape, frame.counts.unique()
+        (torch.Size([2, 3, 16, 16]), tensor([2], dtype=torch.int32))
+    """
+    views = camera.views
+    height, width = views.resolution
+    shape = (views.view_count, 1, height, width)
+    require_integer("seed", seed, minimum=0, maximum=0xFFFFFFFF)
+    require_light(scene)
+    if isinstance(samples, SampleMap):
+        counts, layer = samples.counts, samples.layer
+        fits = counts.shape[0] in (1, shape[0]) and tuple(counts.shape[1:]) == shape[1:]
+        require(fits, "samples", tuple(counts.shape), f"a sample map for {shape[0]} views of {height} x {width} pixels")
+        counts, layer = counts.expand(shape).contiguous(), layer.expand(shape).contiguous()
+        coordinates, gaze = samples.coords, samples.gaze
+        limits = torch.tensor([shape[0], height, width])
+        inside = bool(((coordinates >= 0) & (coordinates < limits)).all())
+        require(inside, "samples.coords", coordinates.amax(0).tolist(), f"views, y and x below {limits.tolist()}")
+    else:
+        require_integer("samples", samples, minimum=1)
+        counts = torch.full(shape, samples, dtype=torch.int32)
+        layer, gaze = torch.zeros(shape, dtype=torch.int32), None
+        coordinates = counts[:, 0].nonzero().to(torch.int32)
+    gbuffer, emission = trace_visible(scene, views, jitter)
+    direct, indirect = torch.zeros(views.view_count, 3, height, width), torch.zeros(views.view_count, 3, height, width)
+    luminance_squared = torch.zeros(shape)
+    listed = coordinates.long()
+    parallel.run(
+        paths.trace_listed,
+        len(coordinates),
+        (
+            *scene.kernel_arrays(lights),
+            view_arrays(views),
+            np.float32(jitter[0] + 0.5),
+            np.float32(jitter[1] + 0.5),
+            gbuffer.prim.numpy(),
+            gbuffer.barycentric.numpy(),
+            emission.numpy(),
+            coordinates.contiguous().numpy(),
+            counts[listed[:, 0], 0, listed[:, 1], listed[:, 2]].contiguous().numpy(),
+            seed,
+            int(Stream.PATH),
+            direct.numpy(),
+            indirect.numpy(),
+            luminance_squared.numpy(),
+        ),
+        tile=PIXELS_PER_TILE,
+        progress=progress,
+        description="paths",
+    )
+    return Frame(
+        direct=direct,
+        indirect=indirect,
+        emission=emission * (counts > 0),
+        counts=counts,
+        luminance_squared=luminance_squared,
+        layer=layer,
+        gbuffer=gbuffer,
+        camera=views,
+        gaze=gaze,
+        jitter=(float(jitter[0]), float(jitter[1])),
+        index=index,
+        seed=seed,
+    )
+
+
+def require_light(scene: Scene) -> None:
+    """Raises a ``ValueError`` if no path could find light in the scene."""
+    count = len(scene.kernel_arrays("uniform")[3].kind)
+    expected = "at least one light or emissive material to trace paths (rays and the G-buffer need none)"
+    require(count > 0, f"scene {scene.name!r}", "no light", expected)

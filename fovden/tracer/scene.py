@@ -1,0 +1,133 @@
+"""The scene: triangles, materials, lights and a default camera, and the two questions that rays ask of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from fovden.camera import StereoCamera
+from fovden.checks import ShapeError, require, require_finite, require_shapes
+from fovden.tracer.arrays import LightChoice, geometry_arrays, light_table
+from fovden.tracer.bvh import Bvh, Hits, build_bvh, intersect, occluded
+from fovden.tracer.lights import Light
+from fovden.tracer.materials import Materials
+
+__all__ = ["Scene"]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Triangles with materials, and the lights around them. Immutable: derive changed copies with ``with_*``.
+
+    Attributes:
+        vertices: Positions in metres, float32, shape (n, 3).
+        faces: Vertex numbers of the triangles in the file's order, int32, shape (m, 3). Seen from the side of the
+            geometric normal the vertices run counter-clockwise.
+        material_ids: Material of each triangle, int32, shape (m).
+        materials: The tables that ``material_ids`` index.
+        normals: Shading normals per vertex, shape (n, 3); a zero row means the triangle's own normal.
+        uv: Texture coordinates per vertex, shape (n, 2); (0, 0) is the image's lower left corner.
+        lights: Point, directional and environment lights; emissive triangles are lights by themselves.
+        camera: A view that shows the scene well, or ``None``.
+        name: For messages, files and tables.
+
+    Example:
+        >>> from fovden.tracer import make_scene
+        >>> scene = make_scene("cornell_box")
+        >>> hits = scene.intersect(torch.tensor([[2.78, 2.73, -8.0]]), torch.tensor([[0.0, 0.0, 1.0]]))
+        >>> bool(hits.prim[0] >= 0)
+        True
+    """
+
+    vertices: Tensor
+    faces: Tensor
+    material_ids: Tensor
+    materials: Materials
+    normals: Tensor | None = None
+    uv: Tensor | None = None
+    lights: tuple[Light, ...] = ()
+    camera: StereoCamera | None = None
+    name: str = field(default="scene")
+
+    def __post_init__(self) -> None:
+        sizes = require_shapes("n 3", vertices=self.vertices)
+        require_shapes("m 3", sizes, faces=self.faces)
+        sizes["m"] = int(self.faces.shape[0])
+        require_shapes("m", sizes, material_ids=self.material_ids)
+        require(sizes["m"] > 0, "faces", tuple(self.faces.shape), "at least one triangle (the scene is empty)")
+        require_finite("vertices", self.vertices)
+        _require_indices("faces", self.faces, sizes["n"])
+        _require_indices("material_ids", self.material_ids, len(self.materials.names))
+        for name, width in (("normals", 3), ("uv", 2)):
+            values = getattr(self, name)
+            values = torch.zeros(sizes["n"], width) if values is None else values
+            if tuple(values.shape) != (sizes["n"], width):
+                raise ShapeError(f"{name}: expected shape (n={sizes['n']}, {width}), got {tuple(values.shape)}")
+            require_finite(name, values)
+            object.__setattr__(self, name, values.to(torch.float32).contiguous())
+        object.__setattr__(self, "vertices", self.vertices.to(torch.float32).contiguous())
+        object.__setattr__(self, "faces", self.faces.to(torch.int32).contiguous())
+        object.__setattr__(self, "material_ids", self.material_ids.to(torch.int32).contiguous())
+        object.__setattr__(self, "lights", tuple(self.lights))
+
+    @property
+    def triangle_count(self) -> int:
+        """Number of triangles m, degenerate ones included."""
+        return int(self.faces.shape[0])
+
+    @cached_property
+    def bvh(self) -> Bvh:
+        """The acceleration structure, built when first asked for."""
+        return build_bvh(self.vertices, self.faces)
+
+    @cached_property
+    def triangle_areas(self) -> Tensor:
+        """Areas of the triangles in square metres, float64, shape (m)."""
+        corners = self.vertices.detach().double()[self.faces.long()]
+        edges = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas: Tensor = torch.linalg.vector_norm(edges, dim=1) / 2
+        return areas
+
+    def kernel_arrays(self, lights: LightChoice) -> tuple[Any, ...]:
+        """Nodes, leaf blocks, geometry and lights as the compiled kernels read them; made once."""
+        key = f"_light_table_{lights}"
+        if key not in self.__dict__:
+            self.__dict__[key] = light_table(self, lights)
+        return (self.bvh.nodes.numpy(), self.bvh.blocks.numpy(), self._geometry_arrays, self.__dict__[key])
+
+    @cached_property
+    def _geometry_arrays(self) -> Any:
+        return geometry_arrays(self)
+
+    def intersect(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Hits:
+        """Returns the closest hit of each ray; see :func:`fovden.tracer.bvh.intersect`."""
+        return intersect(self.bvh, origins, directions, t_max)
+
+    def occluded(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Tensor:
+        """Returns whether anything lies on each ray's segment; see :func:`fovden.tracer.bvh.occluded`."""
+        return occluded(self.bvh, origins, directions, t_max)
+
+    def with_lights(self, lights: Sequence[Light]) -> Scene:
+        """Returns the scene with other lights; geometry, and its acceleration structure if built, are shared.
+
+        Example:
+            >>> from fovden.tracer import PointLight, make_scene
+            >>> len(make_scene("cornell_box").with_lights([PointLight((2.8, 5, 2.8), 10)]).lights)
+            1
+        """
+        changed = replace(self, lights=tuple(lights))
+        for name in ("bvh", "triangle_areas", "_geometry_arrays"):
+            if name in self.__dict__:
+                changed.__dict__[name] = self.__dict__[name]
+        return changed
+
+
+def _require_indices(name: str, indices: Tensor, count: int) -> None:
+    require(not indices.is_floating_point(), name, indices.dtype, "an integer type")
+    lowest, highest = int(indices.min()), int(indices.max())
+    require(lowest >= 0 and highest < count, name, f"{lowest} to {highest}", f"indices from 0 to {count - 1}")
