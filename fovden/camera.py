@@ -74,9 +74,9 @@ class Camera:
             "left < right and bottom < top in every view (the camera is inside out)",
         )
         rotation = self.rotation.double()  # half precision has no determinant
-        error = (rotation.mT @ rotation - torch.eye(3).to(rotation)).abs().max()
+        errors = (rotation.mT @ rotation - torch.eye(3).to(rotation)).abs()
         tolerance = max(1e-4, 4 * torch.finfo(self.rotation.dtype).eps)
-        proper = bool(error < tolerance) and bool((torch.linalg.det(rotation) > 0).all())
+        proper = bool((errors < tolerance).all()) and bool((torch.linalg.det(rotation) > 0).all())
         require(proper, "Camera.rotation", self.rotation.tolist(), "rotations (orthonormal, determinant +1)")
 
     @property

@@ -1,0 +1,271 @@
+"""Sample maps: how many paths each pixel gets, and the list of pixels that get any."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+import torch
+from torch import Tensor
+
+from fovden.camera import Camera, Gaze, StereoCamera
+from fovden.checks import require, require_integer, require_number, require_shapes, require_tensor
+from fovden.foveation.blue_noise import TILE, blue_noise_tile
+from fovden.foveation.falloff import Falloff
+from fovden.rng import Stream, uniform
+
+__all__ = ["SampleMap", "sample_map", "uniform_map"]
+
+Source = Literal["philox", "stratified", "blue_noise"]
+
+
+@dataclass(frozen=True, eq=False)
+class SampleMap:
+    """How many samples each pixel gets.
+
+    Attributes:
+        counts: Samples per pixel, int32, shape (v, 1, h, w), or (1, 1, h, w) where all views share them.
+        coords: View, y and x of every pixel with samples, of all views, in row-major order, int32, shape (k, 3).
+        layer: Foveation layer, int32, 0 is the innermost, the shape of ``counts``.
+        gaze: Where each eye looks; its length is the number of views.
+        expected: Paths that were to be expected before the draw, over all views.
+        radii: Radii of the layers' circles in pixels, from the inside out; empty without circles.
+
+    Example:
+        >>> samples = SampleMap.from_counts(torch.tensor([[[[4, 0, 2]]]]), Gaze(torch.zeros(2, 2)))
+        >>> samples.coords.tolist(), samples.paths
+        ([[0, 0, 0], [0, 0, 2], [1, 0, 0], [1, 0, 2]], 12)
+    """
+
+    counts: Tensor
+    coords: Tensor
+    layer: Tensor
+    gaze: Gaze
+    expected: float
+    radii: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        sizes = require_shapes("s 1 h w", counts=self.counts, layer=self.layer)
+        require_shapes("k 3", coords=self.coords)
+        shared = sizes["s"] in (1, self.view_count)
+        require(shared, "counts", tuple(self.counts.shape), f"1 or {self.view_count} views, as many as the gaze has")
+        for name in ("counts", "coords", "layer"):
+            tensor = getattr(self, name)
+            whole = not tensor.is_floating_point() and tensor.dtype != torch.bool
+            require(whole, name, tensor.dtype, "an integer type")
+            object.__setattr__(self, name, tensor.to(torch.int32))
+        require(not bool((self.counts < 0).any()), "counts", int(self.counts.amin()), "numbers of at least 0")
+        require_number("expected", self.expected, minimum=0)
+
+    @classmethod
+    def from_counts(
+        cls,
+        counts: Tensor,
+        gaze: Gaze,
+        *,
+        layer: Tensor | None = None,
+        expected: float | None = None,
+        radii: tuple[float, ...] = (),
+    ) -> SampleMap:
+        """Returns the map of given counts, with the list of its pixels.
+
+        Args:
+            counts: Samples per pixel, integers of at least 0, shape (v, 1, h, w), or (1, 1, h, w) for all views.
+            gaze: Where each eye looks.
+            layer: Foveation layers, the shape of ``counts``; ``None`` means one layer.
+            expected: Expected number of paths; ``None`` means that the counts were not drawn at random.
+            radii: Radii of the layers' circles in pixels.
+
+        Returns:
+            The map.
+
+        Raises:
+            ValueError: If the counts are not such numbers or their views are not those of the gaze.
+
+        Example:
+            >>> SampleMap.from_counts(torch.full((1, 1, 4, 4), 3), Gaze(torch.zeros(2, 2))).mean_spp
+            3.0
+        """
+        require_shapes("* 1 * *", counts=require_tensor("counts", counts))
+        views = gaze.pixels.shape[0]
+        fits = counts.shape[0] in (1, views)
+        require(fits, "counts", tuple(counts.shape), f"1 or {views} views, as many as the gaze has")
+        every_view = counts.expand(views, -1, -1, -1)
+        coords = (every_view[:, 0] > 0).nonzero().to(torch.int32)
+        layer = torch.zeros_like(counts) if layer is None else layer
+        expected = float(every_view.sum()) if expected is None else expected
+        return cls(counts, coords, layer, gaze, expected, radii)
+
+    @property
+    def view_count(self) -> int:
+        """Number of views v, whether or not they share their counts."""
+        return int(self.gaze.pixels.shape[0])
+
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return int(self.counts.shape[2]), int(self.counts.shape[3])
+
+    @property
+    def mask(self) -> Tensor:
+        """Whether a pixel has samples, as 0 or 1, float32, the shape of ``counts``."""
+        return (self.counts > 0).to(torch.float32)
+
+    @property
+    def paths(self) -> int:
+        """Number of paths over all views: the actual budget, beside ``expected``."""
+        return int(self.counts.sum(dtype=torch.int64)) * (self.view_count // int(self.counts.shape[0]))
+
+    @property
+    def mean_spp(self) -> float:
+        """Mean number of samples per pixel."""
+        return self.paths / (self.view_count * math.prod(self.resolution))
+
+    def to(self, *args: Any, **kwargs: Any) -> SampleMap:
+        """Returns the map moved with the arguments of ``Tensor.to``; counts, coordinates and layers stay int32.
+
+        Example:
+            >>> samples = SampleMap.from_counts(torch.ones(1, 1, 2, 2, dtype=torch.int32), Gaze(torch.zeros(2, 2)))
+            >>> samples.to(torch.float64).counts.dtype
+            torch.int32
+        """
+        gaze = self.gaze.to(*args, **kwargs)
+        moved = {name: getattr(self, name).to(gaze.pixels.device) for name in ("counts", "coords", "layer")}
+        return replace(self, gaze=gaze, **moved)
+
+
+def sample_map(
+    falloff: Falloff,
+    camera: Camera | StereoCamera,
+    gaze: Gaze | None = None,
+    spp: int = 4,
+    seed: int = 0,
+    *,
+    index: int = 0,
+    per_eye: bool = False,
+    source: Source = "philox",
+) -> SampleMap:
+    """Returns the sample map of a falloff: which pixels are traced, and with how many paths.
+
+    Every pixel has a random number U in [0, 1). A falloff that selects gives ``spp`` paths to the pixels with U < rate
+    and none to the others; one that does not gives every pixel ``rate * spp``, rounded up with the probability of the
+    fraction. Either way the expected number of paths is ``spp`` times the sum of the rates.
+
+    Readings of the 2023 paper, each with its default and its option:
+
+    - Samples per selected pixel: the text once has exactly one, elsewhere four. ``spp=4`` is the default.
+    - Frames and eyes share a mask, as the paper computes it once. Another ``index`` draws another mask, ``per_eye``
+      another one in each eye. Where the eyes look at different pixels, the maps differ, but not the random numbers.
+    - Random numbers, of which the paper says nothing. ``"philox"``: independent. ``"stratified"``: the four pixels of a
+      2 x 2 block lie in different quarters of [0, 1). ``"blue_noise"``: ranks of a void-and-cluster tile, repeated and
+      shifted at random, so that the selected pixels are spread evenly.
+    - Radiance of a selected pixel: the mean of its own samples; it is not divided by the rate, since the filter
+      normalises by its mask.
+
+    Args:
+        falloff: For example :class:`fovden.foveation.ThreeLayer`.
+        camera: The views.
+        gaze: Where each eye looks, also outside the image; ``None`` means the centre.
+        spp: Samples per pixel at full rate, at least 1.
+        seed: Seed of the mask, from 0 to 2^32 - 1.
+        index: Number of the frame, where each frame is to have a mask of its own.
+        per_eye: Whether each eye has random numbers of its own.
+        source: Where the random numbers come from.
+
+    Returns:
+        The map. Its counts have one view where all views share them. Nothing may be selected at all.
+
+    Raises:
+        ShapeError: If gaze and camera differ in the number of views.
+        ValueError: If a number is out of range or the rates are not in [0, 1].
+
+    Cost: about 100 operations per pixel.
+
+    Example:
+        >>> from fovden.foveation import ThreeLayer
+        >>> camera = StereoCamera.look_at((0, 0, 5), (0, 0, 0), fov_y_deg=60)
+        >>> samples = sample_map(ThreeLayer(), camera, spp=4, seed=0)
+        >>> samples.counts.shape, round(samples.expected), samples.radii
+        (torch.Size([1, 1, 1080, 960]), 4755211, (144.0, 288.0))
+    """
+    views = camera.views
+    gaze = Gaze.center(views) if gaze is None else gaze
+    require_shapes("v 2", {"v": views.view_count}, **{"gaze.pixels": gaze.pixels})
+    require_integer("spp", spp, minimum=1)
+    names = get_args(Source)
+    require(source in names, "source", repr(source), f"one of {names}")
+    rate, layer, radii, selects = falloff(views, gaze)
+    sizes = {"v": views.view_count, "h": views.resolution[0], "w": views.resolution[1]}
+    require_shapes("v 1 h w", sizes, **{"falloff.rate": rate, "falloff.layer": layer})
+    within = bool(((rate >= 0) & (rate <= 1)).all())
+    require(within, "falloff.rate", f"{float(rate.min()):g} to {float(rate.max()):g}", "rates from 0 to 1")
+    expected = spp * float(rate.sum(dtype=torch.float64))
+    if not per_eye and bool((rate == rate[:1]).all()) and bool((layer == layer[:1]).all()):
+        rate, layer = rate[:1], layer[:1]
+    numbers = _random_numbers(source, views.resolution, seed, index, views.view_count if per_eye else 1)
+    if selects:
+        counts = spp * (numbers < rate).to(torch.int32)
+    else:
+        whole = (spp * rate).floor()
+        counts = (whole + (numbers < spp * rate - whole)).to(torch.int32)
+    return SampleMap.from_counts(counts, gaze, layer=layer, expected=expected, radii=radii)
+
+
+def uniform_map(
+    camera: Camera | StereoCamera, mean_spp: float, seed: int = 0, *, index: int = 0, per_eye: bool = False
+) -> SampleMap:
+    """Returns a map without foveation whose counts have a given mean, to compare methods at equal numbers of paths.
+
+    Every pixel gets floor(mean_spp) samples, and one more with the probability of the fraction.
+
+    Args:
+        camera: The views.
+        mean_spp: Mean number of samples per pixel, at least 0.
+        seed: Seed of the draw, from 0 to 2^32 - 1.
+        index: Number of the frame, where each frame is to have a draw of its own.
+        per_eye: Whether each eye has a draw of its own.
+
+    Returns:
+        The map: one layer, the gaze at the centre.
+
+    Raises:
+        ValueError: If a number is out of range.
+
+    Example:
+        >>> camera = StereoCamera.look_at((0, 0, 5), (0, 0, 0), fov_y_deg=60, resolution=(100, 100))
+        >>> samples = uniform_map(camera, 2.3)
+        >>> samples.counts.unique(), round(samples.expected), abs(samples.mean_spp - 2.3) < 0.02
+        (tensor([2, 3], dtype=torch.int32), 46000, True)
+    """
+    views = camera.views
+    require_number("mean_spp", mean_spp, minimum=0, maximum=2**24)
+    numbers = _random_numbers("philox", views.resolution, seed, index, views.view_count if per_eye else 1)
+    whole = math.floor(mean_spp)
+    counts = whole + (numbers < mean_spp - whole).to(torch.int32)
+    expected = mean_spp * views.view_count * math.prod(views.resolution)
+    return SampleMap.from_counts(counts, Gaze.center(views), expected=expected)
+
+
+def _random_numbers(source: str, resolution: tuple[int, int], seed: int, index: int, views: int) -> Tensor:
+    """Numbers in [0, 1), uniform for each pixel, shape (views, 1, h, w)."""
+    height, width = resolution
+    view = torch.arange(views)[:, None, None, None]
+
+    def draw(rows: int, columns: int, dimension: int) -> Tensor:
+        pixel = torch.arange(rows * columns).reshape(1, 1, rows, columns)
+        return uniform(seed, Stream.MASK, pixel, view=view, sample=index, dimension=dimension)
+
+    if source == "philox":
+        return draw(height, width, 0)
+    if source == "stratified":
+        rows, columns = (height + 1) // 2, (width + 1) // 2
+        keys = draw(2 * rows, 2 * columns, 0).reshape(views, rows, 2, columns, 2).transpose(2, 3)
+        # The rank of a pixel's key among the four of its block is a random order of the quarters.
+        rank = keys.reshape(views, rows, columns, 4).argsort(dim=-1).argsort(dim=-1)
+        quarter = rank.reshape(views, rows, columns, 2, 2).transpose(2, 3).reshape(views, 1, 2 * rows, 2 * columns)
+        return ((quarter + draw(2 * rows, 2 * columns, 1)) / 4)[..., :height, :width].clamp(max=1 - 2.0**-24)
+    shift = torch.stack([draw(1, 1, dimension) for dimension in (0, 1)]) * TILE
+    y = (torch.arange(height)[:, None] + shift[0].long()) % TILE
+    x = (torch.arange(width) + shift[1].long()) % TILE
+    return (blue_noise_tile()[y, x] + 0.5) / TILE**2
