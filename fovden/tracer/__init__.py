@@ -9,8 +9,11 @@ from fovden.tracer.gbuffer import trace_gbuffer
 from fovden.tracer.integrator import trace_frame
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, PointLight
 from fovden.tracer.materials import Material, Materials
+from fovden.tracer.meshes import load_scene
+from fovden.tracer.procedural import make_scene
 from fovden.tracer.reference import CheckpointError, accumulate_reference
 from fovden.tracer.scene import Scene
+from fovden.tracer.scene_file import SceneFileError
 
 __all__ = [
     "Bvh",
@@ -22,9 +25,12 @@ __all__ = [
     "Materials",
     "PointLight",
     "Scene",
+    "SceneFileError",
     "accumulate_reference",
     "build_bvh",
     "intersect",
+    "load_scene",
+    "make_scene",
     "occluded",
     "trace_frame",
     "trace_gbuffer",

@@ -15,7 +15,7 @@ from fovden.color import luminance, srgb_to_linear
 from fovden.tracer.kernels import illumination
 from fovden.tracer.kernels.illumination import LightTable
 from fovden.tracer.kernels.paths import Views
-from fovden.tracer.kernels.surface import Geometry
+from fovden.tracer.kernels.surface import GeometryArrays
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, PointLight
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ LightChoice = Literal["uniform", "power"]
 same; by power it has less variance where lights differ."""
 
 
-def geometry_arrays(scene: Scene) -> Geometry:
+def geometry_arrays(scene: Scene) -> GeometryArrays:
     """Returns the triangles, materials and textures of a scene.
 
     Example:
@@ -43,7 +43,7 @@ def geometry_arrays(scene: Scene) -> Geometry:
     texels = torch.cat(images) if images else torch.zeros(1, 3, dtype=torch.uint8)
     assert scene.normals is not None  # filled in by Scene, like uv
     assert scene.uv is not None
-    return Geometry(
+    return GeometryArrays(
         vertices=scene.vertices.detach().numpy(),
         faces=scene.faces.numpy(),
         normals=scene.normals.numpy(),

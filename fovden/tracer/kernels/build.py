@@ -20,6 +20,8 @@ BINS = 16
 TRAVERSAL_COST = np.float32(1.0)  # of a node relative to a leaf block; 0.25 to 4 were measured within 3 %
 ZERO, HUGE = np.float32(0.0), np.float32(3.0e38)
 NO_AXIS = -1
+MARGIN = np.float32(2.0**-21)  # of a box's extent: what ``boxes`` needs to find all that ``triangles`` hits
+UNIT = np.float32(2.0**-23)  # a coordinate times this is one to two units in its last place
 
 
 @inlined
@@ -33,6 +35,12 @@ def half_area(box: Any) -> Float:
     """Half the surface area of a box (lower x, y, z, upper x, y, z)."""
     dx, dy, dz = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return dx * dy + dy * dz + dz * dx
+
+
+@inlined
+def widest(box: Any) -> Float:
+    """Largest extent of a box."""
+    return max(max(box[3] - box[0], box[4] - box[1]), box[5] - box[2])
 
 
 @inlined
@@ -243,6 +251,19 @@ def collapse(node_boxes: Any, left: Any, count: Any, children_of: Any, parents: 
     return wide, blocks
 
 
+@inlined
+def has_area(vertices: Any, faces: Any, prim: Int) -> bool:
+    """Whether corners are not in a line; rounding would give one that is not axis-aligned an area for some rays."""
+    a, b, c = vertices[faces[prim, 0]], vertices[faces[prim, 1]], vertices[faces[prim, 2]]
+    for axis in range(3):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        left = (np.float64(b[i]) - a[i]) * (np.float64(c[j]) - a[j])
+        right = (np.float64(b[j]) - a[j]) * (np.float64(c[i]) - a[i])
+        if left != right:
+            return True
+    return False
+
+
 @kernel
 def pack(
     node_boxes: Any,
@@ -265,9 +286,13 @@ def pack(
             codes[parents[wide] // WIDTH, CHILDREN + parents[wide] % WIDTH] = wide
         for lane in range(WIDTH):
             child = children_of[wide, lane]
+            margin = MARGIN * widest(node_boxes[child])
             for axis in range(3):
-                nodes[wide, axis * WIDTH + lane] = node_boxes[child, axis] if child >= 0 else HUGE
-                nodes[wide, UPPER + axis * WIDTH + lane] = node_boxes[child, 3 + axis] if child >= 0 else -HUGE
+                lower, upper = node_boxes[child, axis], node_boxes[child, 3 + axis]
+                lower -= margin + abs(lower) * UNIT
+                upper += margin + abs(upper) * UNIT
+                nodes[wide, axis * WIDTH + lane] = lower if child >= 0 else HUGE
+                nodes[wide, UPPER + axis * WIDTH + lane] = upper if child >= 0 else -HUGE
             codes[wide, CHILDREN + lane] = 0
             if child >= 0 and count[child] > 0:
                 codes[wide, CHILDREN + lane] = ~block
@@ -275,8 +300,9 @@ def pack(
                     used = i < count[child]
                     prim = order[first[child] + i] if used else -1
                     prims[block, PRIMITIVES + i] = prim
+                    solid = used and has_area(vertices, faces, prim)
                     for corner in range(3):
                         for axis in range(3):
                             row = (3 * corner + axis) * WIDTH + i
-                            blocks[block, row] = vertices[faces[prim, corner], axis] if used else ZERO
+                            blocks[block, row] = vertices[faces[prim, corner], axis] if solid else ZERO
                 block += 1

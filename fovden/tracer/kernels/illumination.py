@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fovden.simd import Float, Int, inlined, kernel
+from fovden.simd import Float, Int, inlined, kernel, pointer_to
 from fovden.tracer.kernels.surface import (
     Geometry,
     Surface,
     Vector,
     added,
+    corners_of,
     cosine_direction,
     cross,
     dot,
@@ -43,6 +44,38 @@ class LightTable(NamedTuple):
     environment: Any  # (h, w, 3): radiance of the surroundings, (0, 0, 3) without
 
 
+class Lights(NamedTuple):
+    """Pointers to the same, and the sizes."""
+
+    kind: Any
+    vector: Any
+    colour: Any
+    prim: Any
+    pmf: Any
+    cdf: Any
+    size: Int
+    environment: Any
+    height: int
+    width: int
+
+
+@inlined
+def light_pointers(table: LightTable) -> Lights:
+    """Where a scene's light table begins."""
+    return Lights(
+        pointer_to(table.kind),
+        pointer_to(table.vector),
+        pointer_to(table.colour),
+        pointer_to(table.prim),
+        pointer_to(table.pmf),
+        pointer_to(table.cdf),
+        len(table.cdf),
+        pointer_to(table.environment),
+        table.environment.shape[0],
+        table.environment.shape[1],
+    )
+
+
 class LightSample(NamedTuple):
     """A unit direction towards light, how far it is clear if not shadowed, and incident radiance / density."""
 
@@ -52,9 +85,9 @@ class LightSample(NamedTuple):
 
 
 @kernel
-def environment_radiance(lights: LightTable, direction: Vector) -> Vector:
+def environment_radiance(lights: Lights, direction: Vector) -> Vector:
     """Radiance that arrives from a direction of the surroundings, bilinear, around in azimuth, clamped at the poles."""
-    height, width = lights.environment.shape[0], lights.environment.shape[1]
+    height, width = lights.height, lights.width
     if height == 0:
         return Vector(ZERO, ZERO, ZERO)
     turn = np.float32(math.atan2(direction.x, -direction.z)) / (np.float32(2.0) * PI)
@@ -65,16 +98,16 @@ def environment_radiance(lights: LightTable, direction: Vector) -> Vector:
     red, green, blue = ZERO, ZERO, ZERO
     for dy in range(2):
         for dx in range(2):
-            texel = lights.environment[min(max(y0 + dy, 0), height - 1), (x0 + dx + width) % width]
+            texel = row(lights.environment, min(max(y0 + dy, 0), height - 1) * width + (x0 + dx + width) % width)
             weight = (fx if dx else ONE - fx) * (fy if dy else ONE - fy)
-            red, green, blue = red + weight * texel[0], green + weight * texel[1], blue + weight * texel[2]
+            red, green, blue = red + weight * texel.x, green + weight * texel.y, blue + weight * texel.z
     return Vector(red, green, blue)
 
 
 @inlined
-def choose_light(lights: LightTable, xi: Float) -> Int:
+def choose_light(lights: Lights, xi: Float) -> Int:
     """First light whose running sum exceeds the random number."""
-    low, high = 0, len(lights.cdf) - 1
+    low, high = 0, lights.size - 1
     while low < high:
         middle = (low + high) // 2
         if xi < lights.cdf[middle]:
@@ -86,7 +119,7 @@ def choose_light(lights: LightTable, xi: Float) -> Int:
 
 @kernel
 def sample_light(
-    lights: LightTable, geometry: Geometry, surface: Surface, xi_0: Float, xi_1: Float, xi_2: Float
+    lights: Lights, geometry: Geometry, surface: Surface, xi_0: Float, xi_1: Float, xi_2: Float
 ) -> LightSample:
     """Chooses one light by its chance and one way to it; the radiance is zero where none arrives.
 
@@ -110,7 +143,7 @@ def sample_light(
     target, area_normal = row(lights.vector, light), Vector(ZERO, ZERO, ZERO)
     if kind == TRIANGLE:
         prim = lights.prim[light]
-        a, b, c = geometry.faces[prim, 0], geometry.faces[prim, 1], geometry.faces[prim, 2]
+        a, b, c = corners_of(geometry, prim)
         va = row(geometry.vertices, a)
         edge_1 = added(row(geometry.vertices, b), va, -ONE)
         edge_2 = added(row(geometry.vertices, c), va, -ONE)

@@ -12,16 +12,18 @@ import numpy as np
 
 from fovden.rng import Stream, philox
 from fovden.simd import Float, Int, inlined, kernel, pointer_to, stack_floats, stack_words
-from fovden.tracer.kernels.illumination import LightTable, environment_radiance, sample_light
+from fovden.tracer.kernels.illumination import Lights, LightTable, environment_radiance, light_pointers, sample_light
 from fovden.tracer.kernels.layout import RESULTS_SIZE, STACK_SIZE, WIDTH
 from fovden.tracer.kernels.surface import (
     Geometry,
+    GeometryArrays,
     Surface,
     Vector,
     added,
     cosine_direction,
     dot,
     emitted,
+    geometry_pointers,
     normalised,
     origin_above,
     product,
@@ -50,7 +52,14 @@ class World(NamedTuple):
 
     accelerator: Accelerator
     geometry: Geometry
-    lights: LightTable
+    lights: Lights
+
+
+@inlined
+def open_world(nodes: Any, blocks: Any, geometry: GeometryArrays, lights: LightTable) -> World:
+    """Pointers to all of a scene's arrays."""
+    accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks))
+    return World(accelerator, geometry_pointers(geometry), light_pointers(lights))
 
 
 class Hit(NamedTuple):
@@ -141,7 +150,7 @@ def trace_primary(
     stop: Int,
     nodes: Any,
     blocks: Any,
-    geometry: Geometry,
+    geometry: GeometryArrays,
     lights: LightTable,
     views: Views,
     jitter_x: Float,
@@ -156,7 +165,7 @@ def trace_primary(
 ) -> None:
     """Writes the G-buffer and the visible emission of the pixels start .. stop - 1, counted through all views."""
     scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
-    world = World(Accelerator(pointer_to(nodes), pointer_to(blocks)), geometry, lights)
+    world = open_world(nodes, blocks, geometry, lights)
     height, width = prim.shape[2], prim.shape[3]
     for i in range(start, stop):
         view, y, x = i // (height * width), i // width % height, i % width
@@ -167,7 +176,7 @@ def trace_primary(
         write(emission, view, y, x, background(world, hit, direction))
         zero = Vector(ZERO, ZERO, ZERO)
         if hit.prim >= 0:
-            surface = surface_at(geometry, hit.prim, hit.u, hit.v, direction)
+            surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
             write(albedo, view, y, x, surface.albedo)
             write(normal, view, y, x, surface.normal)
             write(position, view, y, x, surface.position)
@@ -186,7 +195,7 @@ def trace_listed(
     stop: Int,
     nodes: Any,
     blocks: Any,
-    geometry: Geometry,
+    geometry: GeometryArrays,
     lights: LightTable,
     views: Views,
     jitter_x: Float,
@@ -226,7 +235,7 @@ def trace_listed(
         luminance_squared: Receives the mean squared luminance, emission included.
     """
     scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
-    world = World(Accelerator(pointer_to(nodes), pointer_to(blocks)), geometry, lights)
+    world = open_world(nodes, blocks, geometry, lights)
     width = prim.shape[3]
     for i in range(start, stop):
         view, y, x = np.int64(coordinates[i, 0]), np.int64(coordinates[i, 1]), np.int64(coordinates[i, 2])
@@ -236,7 +245,7 @@ def trace_listed(
         if prim[view, 0, y, x] >= 0 and samples > 0:
             _, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
             u, v = barycentric[view, 0, y, x], barycentric[view, 1, y, x]
-            surface = surface_at(geometry, prim[view, 0, y, x], u, v, direction)
+            surface = surface_at(world.geometry, prim[view, 0, y, x], u, v, direction)
             for sample in range(samples):
                 first, second = trace_path(world, scratch, surface, seed, stream, y * width + x, view, sample)
                 direct_sum = added(direct_sum, first, ONE)
@@ -257,7 +266,7 @@ def accumulate_all(
     stop: Int,
     nodes: Any,
     blocks: Any,
-    geometry: Geometry,
+    geometry: GeometryArrays,
     lights: LightTable,
     views: Views,
     first_sample: Int,
@@ -290,13 +299,13 @@ def accumulate_all(
         squares: Sums of its squares, float64, (v, 3, h, w).
     """
     scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
-    world = World(Accelerator(pointer_to(nodes), pointer_to(blocks)), geometry, lights)
+    world = open_world(nodes, blocks, geometry, lights)
     height, width = total.shape[2], total.shape[3]
     for i in range(start, stop):
         view, y, x = i // (height * width), i // width % height, i % width
         origin, direction = view_ray(views, view, np.float32(x) + HALF, np.float32(y) + HALF)
         hit = Hit(INFINITY, ZERO, ZERO, MISS)
-        surface = surface_at(geometry, 0, ZERO, ZERO, direction)
+        surface = surface_at(world.geometry, 0, ZERO, ZERO, direction)
         own = Vector(ZERO, ZERO, ZERO)
         for sample in range(first_sample, last_sample):
             if jittered or sample == first_sample:
@@ -306,7 +315,7 @@ def accumulate_all(
                 hit = trace(world, scratch, origin, direction)
                 own = background(world, hit, direction)
                 if hit.prim >= 0:
-                    surface = surface_at(geometry, hit.prim, hit.u, hit.v, direction)
+                    surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
             value = own
             if hit.prim >= 0:
                 first, second = trace_path(world, scratch, surface, seed, stream, y * width + x, view, sample)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fovden.simd import Float, Int, inlined, kernel
+from fovden.simd import Float, Int, inlined, kernel, pointer_to
 
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 TINY = np.float32(1e-30)
@@ -16,7 +16,7 @@ OFFSET = np.float32(2.0**-19)
 interpolating the position and shearing the triangle's vertices each cost a handful."""
 
 
-class Geometry(NamedTuple):
+class GeometryArrays(NamedTuple):
     """The arrays of a scene that shading reads."""
 
     vertices: Any  # (n, 3)
@@ -32,6 +32,44 @@ class Geometry(NamedTuple):
     texture_height: Any  # (t)
     texture_width: Any  # (t)
     srgb: Any  # (256), the sRGB curve's linear values
+
+
+class Geometry(NamedTuple):
+    """Pointers to the same: an array is seven words to pass on, and counts its references atomically."""
+
+    vertices: Any
+    faces: Any
+    normals: Any
+    uv: Any
+    material_ids: Any
+    albedo: Any
+    emission: Any
+    texture: Any
+    texels: Any
+    texture_first: Any
+    texture_height: Any
+    texture_width: Any
+    srgb: Any
+
+
+@inlined
+def geometry_pointers(arrays: GeometryArrays) -> Geometry:
+    """Where a scene's arrays begin."""
+    return Geometry(
+        pointer_to(arrays.vertices),
+        pointer_to(arrays.faces),
+        pointer_to(arrays.normals),
+        pointer_to(arrays.uv),
+        pointer_to(arrays.material_ids),
+        pointer_to(arrays.albedo),
+        pointer_to(arrays.emission),
+        pointer_to(arrays.texture),
+        pointer_to(arrays.texels),
+        pointer_to(arrays.texture_first),
+        pointer_to(arrays.texture_height),
+        pointer_to(arrays.texture_width),
+        pointer_to(arrays.srgb),
+    )
 
 
 class Vector(NamedTuple):
@@ -99,9 +137,17 @@ def largest_component(a: Vector) -> Float:
 
 
 @inlined
-def row(array: Any, i: Int) -> Vector:
+def row(pointer: Any, i: Int) -> Vector:
     """Row of an (n, 3) array."""
-    return Vector(array[i, 0], array[i, 1], array[i, 2])
+    k = np.int64(3) * i
+    return Vector(pointer[k], pointer[k + 1], pointer[k + 2])
+
+
+@inlined
+def corners_of(geometry: Geometry, prim: Int) -> tuple[Int, Int, Int]:
+    """The vertex numbers of a triangle."""
+    k = np.int64(3) * prim
+    return geometry.faces[k], geometry.faces[k + 1], geometry.faces[k + 2]
 
 
 @inlined
@@ -116,25 +162,25 @@ def texture_colour(geometry: Geometry, texture: Int, u: Float, v: Float) -> Vect
     """Linear colour of a repeating image, bilinear between decoded texels; (0, 0) is the lower left corner."""
     height, width = geometry.texture_height[texture], geometry.texture_width[texture]
     first = geometry.texture_first[texture]
-    x = (u - math.floor(u)) * np.float32(width) - HALF
-    y = (ONE - (v - math.floor(v))) * np.float32(height) - HALF
-    x0, y0 = int(math.floor(x)), int(math.floor(y))
-    fx, fy = np.float32(x - np.float32(x0)), np.float32(y - np.float32(y0))
+    x = (u - np.float32(math.floor(u))) * np.float32(width) - HALF
+    y = (ONE - (v - np.float32(math.floor(v)))) * np.float32(height) - HALF
+    x0, y0 = math.floor(x), math.floor(y)
+    fx, fy = x - np.float32(x0), y - np.float32(y0)
     red, green, blue = ZERO, ZERO, ZERO
     for dy in range(2):
         for dx in range(2):
-            texel = first + wrap(y0 + dy, height) * width + wrap(x0 + dx, width)
+            texel = 3 * (first + wrap(y0 + dy, height) * width + wrap(x0 + dx, width))
             weight = (fx if dx else ONE - fx) * (fy if dy else ONE - fy)
-            red += weight * geometry.srgb[geometry.texels[texel, 0]]
-            green += weight * geometry.srgb[geometry.texels[texel, 1]]
-            blue += weight * geometry.srgb[geometry.texels[texel, 2]]
+            red += weight * geometry.srgb[geometry.texels[texel]]
+            green += weight * geometry.srgb[geometry.texels[texel + 1]]
+            blue += weight * geometry.srgb[geometry.texels[texel + 2]]
     return Vector(red, green, blue)
 
 
 @kernel
 def surface_at(geometry: Geometry, prim: Int, u: Float, v: Float, direction: Vector) -> Surface:
     """The surface that a ray of this direction finds at barycentric coordinates (u, v) of a triangle."""
-    a, b, c = geometry.faces[prim, 0], geometry.faces[prim, 1], geometry.faces[prim, 2]
+    a, b, c = corners_of(geometry, prim)
     w = ONE - u - v
     va, vb, vc = row(geometry.vertices, a), row(geometry.vertices, b), row(geometry.vertices, c)
     edge_1, edge_2 = added(vb, va, -ONE), added(vc, va, -ONE)
@@ -155,8 +201,9 @@ def surface_at(geometry: Geometry, prim: Int, u: Float, v: Float, direction: Vec
     albedo = row(geometry.albedo, material)
     texture = geometry.texture[material]
     if texture >= 0:
-        s = w * geometry.uv[a, 0] + u * geometry.uv[b, 0] + v * geometry.uv[c, 0]
-        t = w * geometry.uv[a, 1] + u * geometry.uv[b, 1] + v * geometry.uv[c, 1]
+        uv, i, j, k = geometry.uv, np.int64(2) * a, np.int64(2) * b, np.int64(2) * c
+        s = w * uv[i] + u * uv[j] + v * uv[k]
+        t = w * uv[i + 1] + u * uv[j + 1] + v * uv[k + 1]
         albedo = product(albedo, texture_colour(geometry, texture, s, t))
     reach = largest_component(position) + max(largest_component(edge_1), largest_component(edge_2))
     return Surface(position, normal, geometric, albedo, reach * OFFSET)
@@ -165,7 +212,7 @@ def surface_at(geometry: Geometry, prim: Int, u: Float, v: Float, direction: Vec
 @kernel
 def emitted(geometry: Geometry, prim: Int, direction: Vector) -> Vector:
     """Radiance that a triangle emits against a ray of this direction: only on the side of its normal."""
-    a, b, c = geometry.faces[prim, 0], geometry.faces[prim, 1], geometry.faces[prim, 2]
+    a, b, c = corners_of(geometry, prim)
     va = row(geometry.vertices, a)
     normal = cross(added(row(geometry.vertices, b), va, -ONE), added(row(geometry.vertices, c), va, -ONE))
     if dot(normal, direction) < ZERO:
