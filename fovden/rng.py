@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from fovden.checks import require, require_integer
-from fovden.simd import Float, Int, inlined
+from fovden.jit import Float, Int, inlined
 
 __all__ = ["Stream", "philox", "uniform"]
 

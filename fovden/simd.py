@@ -1,43 +1,27 @@
-"""Compiled kernels, and the vector layer under them.
+"""The vector layer: LLVM vectors with Python's operators, for the few operations that decide the speed.
 
-Numba's loops over eight lanes do not become vector instructions inside a branchy traversal, so the few operations that
-decide the speed are written as LLVM vector code in intrinsics. :class:`Lanes` overloads Python's operators so that such
-code reads like its formula. No fast-math flag is set anywhere: an operation rounds as IEEE 754 says, the comparisons'
-treatment of NaN is known, and a product is fused into a sum only where :func:`fma` is written.
+Numba's loops over eight lanes do not become vector instructions inside a branchy traversal. Such operations are
+written as intrinsics on :class:`Lanes`, so that they read like their formulas. A product is fused into a sum only
+where :func:`fma` is written.
 
-Every intrinsic has a twin in plain Numba. The twin is its oracle in the tests, and its replacement where the
-environment variable ``FOVDEN_SIMD`` is ``0``.
+Every intrinsic has a twin in plain Numba: its oracle in the tests, and its replacement where the environment variable
+``FOVDEN_SIMD`` is ``0``.
 """
 
 from __future__ import annotations
 
-import atexit
-import hashlib
-import os
-import shutil
-import tempfile
-import warnings
-from collections.abc import Callable
-from functools import cache
-from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any
 
-import numba
 from llvmlite import ir
-from numba import config, types
+from numba import types
 from numba.core import cgutils
 from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
 
 __all__ = [
-    "ENABLED",
-    "Float",
-    "Int",
     "Lanes",
     "bits_of",
     "fma",
-    "inlined",
-    "kernel",
     "load",
     "load_int32",
     "maximum",
@@ -50,112 +34,17 @@ __all__ = [
     "trailing_zeros",
 ]
 
-ENABLED = os.environ.get("FOVDEN_SIMD", "1") != "0"
-"""Whether kernels use the vector intrinsics or their plain twins."""
-
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-PACKAGE = Path(__file__).parent
-
-
-def kernel(function: Function) -> Function:
-    """Compiles a function on its first call, without the global interpreter lock, and keeps the code on disk.
-
-    Division follows IEEE rules (x / 0 is infinite) and floating-point operations stay as written.
-
-    Args:
-        function: A module-level function of numbers, arrays and pointers.
-
-    Returns:
-        The compiled function.
-
-    Example:
-        >>> @kernel
-        ... def add(a: float, b: float) -> float:
-        ...     return a + b
-        >>> add(1.0, 2.0)
-        3.0
-    """
-    return _compiled(function, forceinline=False)
-
-
-def inlined(function: Function) -> Function:
-    """Compiles like :func:`kernel`, and copies the code into every kernel that calls it.
-
-    Args:
-        function: A small module-level function.
-
-    Returns:
-        The compiled function.
-
-    Example:
-        >>> @inlined
-        ... def double(a: float) -> float:
-        ...     return a + a
-        >>> double(2.0)
-        4.0
-    """
-    return _compiled(function, forceinline=True)
-
-
-def _compiled(function: Function, *, forceinline: bool) -> Function:
-    # Numba looks at the folder's name while it decorates, so the setting is needed for that moment alone.
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(_cache_folder())
-    try:
-        on_disk = Path(function.__code__.co_filename).is_file()  # not so in a notebook
-        decorate = numba.njit(nogil=True, cache=on_disk, error_model="numpy", forceinline=forceinline)
-        compiled: Function = decorate(function)
-    finally:
-        config.CACHE_DIR = before
-    return compiled
-
-
-@cache
-def _cache_folder() -> Path:
-    """A folder for compiled code, named after the sources of all kernels.
-
-    Numba recompiles a function when its own file changes, but not when a function or intrinsic that it inlines from
-    another file does; with the sources' digest in the name, stale code is never found.
-    """
-    digest = hashlib.sha256()
-    sources = [PACKAGE / "simd.py", PACKAGE / "rng.py", *sorted(PACKAGE.glob("*/kernels/*.py"))]
-    for source in sources:
-        digest.update(source.read_bytes())
-    digest.update(b"vector" if ENABLED else b"plain")
-    name = f"kernels-{digest.hexdigest()[:16]}"
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "fovden"
-    for parent in [Path(chosen)] if chosen else [PACKAGE / "__pycache__", user]:
-        try:
-            (parent / name).mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=parent / name):
-                return parent / name
-        except OSError:
-            continue
-    temporary = Path(tempfile.mkdtemp(prefix="fovden-"))
-    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
-    warnings.warn(
-        f"no folder for compiled kernels is writable; they are compiled anew in every process (in {temporary}); "
-        "set NUMBA_CACHE_DIR to a writable folder",
-        RuntimeWarning,
-        stacklevel=2,
-    )
-    return temporary
-
-
-# The types of values inside kernels. To the type checker the numbers are anything: Numba infers and checks them.
-
-Float: TypeAlias = Any
-"""A float32 inside a kernel."""
-
-Int: TypeAlias = Any
-"""An integer inside a kernel; int64 unless it says otherwise."""
-
 F32, I32, I64 = ir.FloatType(), ir.IntType(32), ir.IntType(64)
 FLOATS, WORDS = types.CPointer(types.float32), types.CPointer(types.int64)
 Value = Any
 Builder = Any
+
+
+def sketch() -> tuple[Builder, Lanes]:
+    """A builder of a function that nobody runs, and eight ones in it: for the examples."""
+    signature = ir.FunctionType(ir.VoidType(), [F32.as_pointer()])
+    builder = ir.IRBuilder(ir.Function(ir.Module(), signature, "sketch").append_basic_block())
+    return builder, splat(builder, ir.Constant(F32, 1.0), 8)
 
 
 class Lanes:
@@ -166,8 +55,7 @@ class Lanes:
         value: The LLVM vector.
 
     Example:
-        >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
-        >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+        >>> _, one = sketch()
         >>> str((one + one * one).value.type)
         '<8 x float>'
     """
@@ -227,8 +115,7 @@ class Lanes:
         """Returns, lane by lane, the first value where this mask is set and the second elsewhere.
 
         Example:
-            >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
-            >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+            >>> _, one = sketch()
             >>> (one < 2.0).select(one, one + one).width
             8
         """
@@ -238,8 +125,7 @@ class Lanes:
         """Returns the numbers with their sign changed wherever the other number is negative.
 
         Example:
-            >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
-            >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+            >>> _, one = sketch()
             >>> one.flip_sign(one).width
             8
         """
@@ -252,8 +138,7 @@ class Lanes:
         """Returns a mask as an int32 scalar whose bit i is lane i.
 
         Example:
-            >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
-            >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+            >>> _, one = sketch()
             >>> str((one < 2.0).bits().type)
             'i32'
         """
@@ -268,8 +153,7 @@ def minimum(a: Lanes, b: Lanes) -> Lanes:
     """Returns the smaller numbers; where either is NaN, those of ``b``.
 
     Example:
-        >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
-        >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+        >>> _, one = sketch()
         >>> minimum(one, one).width
         8
     """
@@ -280,8 +164,7 @@ def maximum(a: Lanes, b: Lanes) -> Lanes:
     """Returns the larger numbers; where either is NaN, those of ``b``.
 
     Example:
-        >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
-        >>> one = splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 8)
+        >>> _, one = sketch()
         >>> maximum(one, one).width
         8
     """
@@ -294,8 +177,7 @@ def fma(a: Lanes, b: Lanes, c: Lanes) -> Lanes:
     ``llvm.fma`` instead would be a library call per lane where it has not.
 
     Example:
-        >>> function = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f")
-        >>> one = splat(ir.IRBuilder(function.append_basic_block()), ir.Constant(F32, 1.0), 8)
+        >>> _, one = sketch()
         >>> fma(one, one, one).width
         8
     """
@@ -309,8 +191,8 @@ def splat(builder: Builder, number: Value, width: int) -> Lanes:
     """Returns a vector whose lanes all hold the scalar.
 
     Example:
-        >>> block = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "f").append_basic_block()
-        >>> splat(ir.IRBuilder(block), ir.Constant(F32, 1.0), 16).width
+        >>> builder, _ = sketch()
+        >>> splat(builder, ir.Constant(F32, 1.0), 16).width
         16
     """
     empty = ir.Constant(ir.VectorType(number.type, width), ir.Undefined)
@@ -332,9 +214,8 @@ def load(builder: Builder, pointer: Value, offset: Value | int, width: int, elem
         The vector.
 
     Example:
-        >>> kind = ir.FunctionType(ir.VoidType(), [F32.as_pointer()])
-        >>> function = ir.Function(ir.Module(), kind, "f")
-        >>> load(ir.IRBuilder(function.append_basic_block()), function.args[0], 8, 8).width
+        >>> builder, _ = sketch()
+        >>> load(builder, builder.function.args[0], 8, 8).width
         8
     """
     place = builder.gep(pointer, [ir.Constant(I64, offset) if isinstance(offset, int) else offset])
@@ -352,9 +233,8 @@ def store(builder: Builder, lanes: Lanes, pointer: Value, offset: int = 0) -> No
         offset: Distance in elements.
 
     Example:
-        >>> function = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), [F32.as_pointer()]), "f")
-        >>> builder = ir.IRBuilder(function.append_basic_block())
-        >>> store(builder, splat(builder, ir.Constant(F32, 1.0), 8), function.args[0])
+        >>> builder, one = sketch()
+        >>> store(builder, one, builder.function.args[0])
     """
     place = builder.gep(pointer, [ir.Constant(I64, offset)])
     place = builder.bitcast(place, lanes.value.type.as_pointer())

@@ -135,8 +135,8 @@ def view_arrays(camera: Camera | StereoCamera) -> Views:
 
     Example:
         >>> camera = StereoCamera.look_at((0, 0, 5), (0, 0, 0), fov_y_deg=60, resolution=(2, 2))
-        >>> view_arrays(camera).forward[0]
-        array([ 0., -0., -1.], dtype=float32)
+        >>> view_arrays(camera).forward.shape
+        (2, 3)
     """
     views = camera.views
     tensors = (views.origin, -views.rotation[:, :, 2], views.pixel_to_world)

@@ -94,7 +94,19 @@ class Scene:
         return areas
 
     def kernel_arrays(self, lights: LightChoice) -> tuple[Any, ...]:
-        """Nodes, leaf blocks, geometry and lights as the compiled kernels read them; made once."""
+        """Returns nodes, leaf blocks, geometry and lights as the compiled kernels read them; made once.
+
+        Args:
+            lights: How a path is to choose a light.
+
+        Returns:
+            The arrays.
+
+        Example:
+            >>> from fovden.tracer import make_scene
+            >>> len(make_scene("cornell_box").kernel_arrays("uniform"))
+            4
+        """
         key = f"_light_table_{lights}"
         if key not in self.__dict__:
             self.__dict__[key] = light_table(self, lights)
@@ -105,11 +117,41 @@ class Scene:
         return geometry_arrays(self)
 
     def intersect(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Hits:
-        """Returns the closest hit of each ray; see :func:`fovden.tracer.bvh.intersect`."""
+        """Returns the closest hit of each ray with 0 < t < t_max; see :func:`fovden.tracer.intersect`.
+
+        Args:
+            origins: Starting points in metres, shape (n, 3).
+            directions: Directions of any length but zero, shape (n, 3).
+            t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+
+        Returns:
+            The hits; ``prim`` indexes ``faces``.
+
+        Example:
+            >>> from fovden.tracer import make_scene
+            >>> scene = make_scene("cornell_box")
+            >>> scene.intersect(torch.tensor([[2.78, 2.73, -8.0]]), torch.tensor([[0.0, 0.0, 1.0]])).t > 8
+            tensor([True])
+        """
         return intersect(self.bvh, origins, directions, t_max)
 
     def occluded(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Tensor:
-        """Returns whether anything lies on each ray's segment; see :func:`fovden.tracer.bvh.occluded`."""
+        """Returns whether any triangle lies on each ray with 0 < t < t_max; see :func:`fovden.tracer.occluded`.
+
+        Args:
+            origins: Starting points in metres, shape (n, 3).
+            directions: Directions of any length but zero, shape (n, 3).
+            t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+
+        Returns:
+            Booleans of shape (n).
+
+        Example:
+            >>> from fovden.tracer import make_scene
+            >>> scene = make_scene("cornell_box")
+            >>> scene.occluded(torch.tensor([[2.78, 2.73, -8.0]]), torch.tensor([[0.0, 1.0, 0.0]]))
+            tensor([False])
+        """
         return occluded(self.bvh, origins, directions, t_max)
 
     def with_lights(self, lights: Sequence[Light]) -> Scene:

@@ -21,25 +21,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from fovden.simd import (
-    ENABLED,
-    F32,
-    FLOATS,
-    I32,
-    I64,
-    WORDS,
-    Float,
-    Int,
-    Lanes,
-    bits_of,
-    inlined,
-    load,
-    load_int32,
-    maximum,
-    minimum,
-    splat,
-    store,
-)
+from fovden.jit import Float, Int, inlined, vectorised
+from fovden.simd import F32, FLOATS, I32, I64, WORDS, Lanes, bits_of, load, load_int32, maximum, minimum, splat, store
 from fovden.tracer.kernels.layout import CHILDREN, UPPER, WIDTH
 
 FAR_SLACK = 1.0 + 2.0**-19
@@ -125,4 +108,4 @@ def hit_boxes_plain(nodes: Any, base: Int, ray: SlabRay, t_max: Float, keys: Any
     return mask
 
 
-hit_boxes = hit_boxes_vector if ENABLED else hit_boxes_plain
+hit_boxes = hit_boxes_vector if vectorised() else hit_boxes_plain

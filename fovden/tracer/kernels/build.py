@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fovden.simd import Float, Int, inlined, kernel
+from fovden.jit import Float, Int, inlined, kernel
 from fovden.tracer.kernels.layout import CHILDREN, MAX_BINARY_DEPTH, PRIMITIVES, UPPER, WIDTH
 
 BINS = 16

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fovden.simd import Float, Int, inlined, kernel, pointer_to
+from fovden.jit import Float, Int, inlined, kernel
+from fovden.simd import pointer_to
 from fovden.tracer.kernels.surface import (
     Geometry,
     Surface,

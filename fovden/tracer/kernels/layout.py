@@ -5,7 +5,8 @@ row of eight int32 child codes; the last row is spare. A child code >= 0 is a no
 ``~code``. Unused lanes hold an inverted box, which every ray misses.
 
 A leaf block is 80 float32 (320 bytes): nine rows of eight coordinates (first vertex x, y, z, then second, then third)
-and a row of eight int32 triangle numbers. Unused lanes hold a triangle of zero area, which every ray misses.
+and a row of eight int32 triangle numbers. Unused lanes, and triangles whose corners lie in a line, are all zeros, which
+every ray misses.
 """
 
 WIDTH = 8

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fovden.jit import Float, Int, inlined, kernel
 from fovden.rng import Stream, philox
-from fovden.simd import Float, Int, inlined, kernel, pointer_to, stack_floats, stack_words
+from fovden.simd import pointer_to, stack_floats, stack_words
 from fovden.tracer.kernels.illumination import Lights, LightTable, environment_radiance, light_pointers, sample_light
 from fovden.tracer.kernels.layout import RESULTS_SIZE, STACK_SIZE, WIDTH
 from fovden.tracer.kernels.surface import (

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fovden.simd import Float, Int, inlined, kernel, pointer_to
+from fovden.jit import Float, Int, inlined, kernel
+from fovden.simd import pointer_to
 
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 TINY = np.float32(1e-30)

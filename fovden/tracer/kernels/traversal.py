@@ -10,18 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fovden.simd import (
-    Float,
-    Int,
-    bits_of,
-    inlined,
-    kernel,
-    load_int32,
-    pointer_to,
-    stack_floats,
-    stack_words,
-    trailing_zeros,
-)
+from fovden.jit import Float, Int, inlined, kernel
+from fovden.simd import bits_of, load_int32, pointer_to, stack_floats, stack_words, trailing_zeros
 from fovden.tracer.kernels.boxes import hit_boxes, slab_ray
 from fovden.tracer.kernels.layout import BLOCK_SIZE, NODE_SIZE, PRIMITIVES, RESULTS_SIZE, STACK_SIZE, WIDTH
 from fovden.tracer.kernels.triangles import any_triangle, hit_triangles, sheared_ray

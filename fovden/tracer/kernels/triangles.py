@@ -20,7 +20,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from fovden.simd import ENABLED, FLOATS, I32, Float, Int, Lanes, inlined, load, splat, store
+from fovden.jit import Float, Int, inlined, vectorised
+from fovden.simd import FLOATS, I32, Lanes, load, splat, store
 from fovden.tracer.kernels.layout import WIDTH
 
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
@@ -134,5 +135,5 @@ def hit_triangles_plain(blocks: Any, base: Int, ray: ShearedRay, t_max: Float, r
     return mask
 
 
-hit_triangles = hit_triangles_vector if ENABLED else hit_triangles_plain
-any_triangle = any_triangle_vector if ENABLED else hit_triangles_plain
+hit_triangles = hit_triangles_vector if vectorised() else hit_triangles_plain
+any_triangle = any_triangle_vector if vectorised() else hit_triangles_plain

@@ -1,6 +1,6 @@
 """Compiled kernels on disk: found again by the next process, never stale, and dispensable.
 
-Every test works on a small package of its own, which holds the real ``fovden/simd.py`` and two kernels.
+Every test works on a small package of its own, which holds the real ``fovden/jit.py`` and two kernels.
 """
 
 import json
@@ -30,7 +30,7 @@ print(json.dumps({
 """
 
 KERNELS = """
-from fovden.simd import kernel
+from fovden.jit import kernel
 from fovden.tracer.kernels.amount import amount
 
 @kernel
@@ -43,7 +43,7 @@ def add_twice(a):
 """
 
 AMOUNT = """
-from fovden.simd import inlined
+from fovden.jit import inlined
 
 @inlined
 def amount():
@@ -60,7 +60,7 @@ class Package:
         kernels.mkdir(parents=True)
         for folder in (self.root, self.root / "tracer", kernels):
             (folder / "__init__.py").touch()
-        for name in ("simd.py", "rng.py"):
+        for name in ("checks.py", "jit.py", "rng.py", "simd.py"):
             shutil.copy(Path(fovden.__file__).parent / name, self.root)
         (kernels / "add.py").write_text(KERNELS)
         self.amount = kernels / "amount.py"

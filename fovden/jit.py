@@ -1,0 +1,129 @@
+"""Compilation of kernels with Numba: the two decorators, and where compiled code is kept.
+
+No fast-math flag is set anywhere: an operation rounds as IEEE 754 says, comparisons treat NaN as it says, and products
+are not fused into sums.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+import numba
+from numba import config
+
+__all__ = ["Float", "Int", "inlined", "kernel", "vectorised"]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+Float: TypeAlias = Any
+"""A float32 inside a kernel. To the type checker it is anything: Numba infers and checks types."""
+
+Int: TypeAlias = Any
+"""An integer inside a kernel, int64 unless it says otherwise."""
+
+PACKAGE = Path(__file__).parent
+
+
+def vectorised() -> bool:
+    """Returns whether kernels use vector intrinsics, or their plain twins because ``FOVDEN_SIMD`` is ``0``.
+
+    Example:
+        >>> vectorised() == (os.environ.get("FOVDEN_SIMD") != "0")
+        True
+    """
+    return os.environ.get("FOVDEN_SIMD", "1") != "0"
+
+
+def kernel(function: Function) -> Function:
+    """Compiles a function on its first call, without the global interpreter lock, and keeps the code on disk.
+
+    Division follows IEEE rules (x / 0 is infinite) and floating-point operations stay as written.
+
+    Args:
+        function: A module-level function of numbers, arrays and pointers.
+
+    Returns:
+        The compiled function.
+
+    Example:
+        >>> @kernel
+        ... def add(a: float, b: float) -> float:
+        ...     return a + b
+        >>> add(1.0, 2.0)
+        3.0
+    """
+    return _compiled(function, forceinline=False)
+
+
+def inlined(function: Function) -> Function:
+    """Compiles like :func:`kernel`, and copies the code into every kernel that calls it.
+
+    Args:
+        function: A small module-level function.
+
+    Returns:
+        The compiled function.
+
+    Example:
+        >>> @inlined
+        ... def double(a: float) -> float:
+        ...     return a + a
+        >>> double(2.0)
+        4.0
+    """
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: Function, *, forceinline: bool) -> Function:
+    # Numba looks at the folder's name while it decorates, so the setting is needed for that moment alone.
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(_cache_folder())
+    try:
+        on_disk = Path(function.__code__.co_filename).is_file()  # not so in a notebook
+        decorate = numba.njit(nogil=True, cache=on_disk, error_model="numpy", forceinline=forceinline)
+        compiled: Function = decorate(function)
+    finally:
+        config.CACHE_DIR = before
+    return compiled
+
+
+@cache
+def _cache_folder() -> Path:
+    """A folder for compiled code, named after the sources of all kernels.
+
+    Numba recompiles a function when its own file changes, but not when a function or intrinsic that it inlines from
+    another file does; with the sources' digest in the name, stale code is never found.
+    """
+    digest = hashlib.sha256()
+    sources = [PACKAGE / "jit.py", PACKAGE / "simd.py", PACKAGE / "rng.py", *sorted(PACKAGE.glob("*/kernels/*.py"))]
+    for source in sources:
+        digest.update(source.read_bytes())
+    digest.update(b"vector" if vectorised() else b"plain")
+    name = f"kernels-{digest.hexdigest()[:16]}"
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "fovden"
+    for parent in [Path(chosen)] if chosen else [PACKAGE / "__pycache__", user]:
+        try:
+            (parent / name).mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=parent / name):
+                return parent / name
+        except OSError:
+            continue
+    temporary = Path(tempfile.mkdtemp(prefix="fovden-"))
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    warnings.warn(
+        f"no folder for compiled kernels is writable; they are compiled anew in every process (in {temporary}); "
+        "set NUMBA_CACHE_DIR to a writable folder",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return temporary

@@ -1,0 +1,43 @@
+"""Scenes made in code, so that nothing needs to be downloaded: the atrium and a Cornell box."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from fovden.checks import require, require_integer
+from fovden.tracer.procedural.atrium import atrium
+from fovden.tracer.procedural.cornell_box import cornell_box
+from fovden.tracer.scene import Scene
+
+__all__ = ["SCENES", "atrium", "cornell_box", "make_scene"]
+
+SCENES: Mapping[str, Callable[..., Scene]] = MappingProxyType({"atrium": atrium, "cornell_box": cornell_box})
+"""The scenes by name; each is a function of ``seed`` alone."""
+
+
+def make_scene(name: str, *, seed: int = 0) -> Scene:
+    """Returns a scene made in code.
+
+    Args:
+        name: ``"atrium"``, a colonnaded court with 262,267 triangles, a sun and a point light; or ``"cornell_box"``,
+            38 triangles, two of them the lamp.
+        seed: For what is irregular in the scene, from 0; the same seed makes the same scene.
+
+    Returns:
+        The scene with its lights and its camera.
+
+    Raises:
+        ValueError: If there is no scene of that name.
+
+    Example:
+        >>> make_scene("cornell_box").triangle_count
+        38
+        >>> make_scene("sponge")
+        Traceback (most recent call last):
+        ...
+        ValueError: name: expected one of atrium, cornell_box, got sponge
+    """
+    require(name in SCENES, "name", name, f"one of {', '.join(SCENES)}")
+    require_integer("seed", seed, minimum=0)
+    return SCENES[name](seed=seed)

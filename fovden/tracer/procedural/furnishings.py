@@ -1,0 +1,402 @@
+"""Drapery, vases, plants, a fountain and carved heads: what stands and hangs in the court.
+
+Each function returns patches in a local frame: y up, the front towards +z, standing things with their foot at 0.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fovden.tracer.procedural.mesh_builder import (
+    Array,
+    Patch,
+    arc_lengths,
+    bridge,
+    grid,
+    join,
+    lathe,
+    mitred,
+    ring_corners,
+    tube,
+)
+from fovden.tracer.procedural.orders import bead, hollow
+
+__all__ = [
+    "agave",
+    "banner",
+    "basin",
+    "curtain",
+    "fountain",
+    "ivy_bud",
+    "ivy_leaves",
+    "lion_head",
+    "rosette",
+    "vase",
+]
+
+
+def curtain(
+    rng: np.random.Generator, width: float, height: float, tie: float, rows: int = 16, columns: int = 37
+) -> Patch:
+    """Returns half of a pair of curtains, drawn to the right by a tie.
+
+    The cloth hangs from y = height and reaches from x = 0 to x = width at the top. Its folds are waves across the
+    cloth that deepen where the cloth is gathered, w(y) being the share of the width that is left:
+    z = a / sqrt(w) sin(phase), the phase running with the cloth and wandering slowly with height.
+
+    Args:
+        rng: Source of the folds' irregularity.
+        width: Of the top, metres.
+        height: Metres.
+        tie: Height of the tie, metres.
+        rows: Points from top to bottom.
+        columns: Points across.
+
+    Returns:
+        The patch, smooth.
+
+    Example:
+        >>> curtain(np.random.default_rng(0), 1.2, 3.0, tie=1.2).triangle_count
+        1080
+    """
+    across, down = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows), indexing="xy")
+    y = height * (1 - down)
+    above = np.clip((y - tie) / (height - tie), 0, 1)
+    below = np.clip((tie - y) / tie, 0, 1)
+    share = np.where(y > tie, 0.22 + 0.78 * above**1.7, 0.22 + 0.13 * np.sin(0.5 * np.pi * below) ** 0.8)
+    phase = 2 * np.pi * (5.5 * across + 0.35 * np.sin(2 * np.pi * (across + 0.6 * down + rng.random())))
+    phase += 0.8 * np.sin(3 * down + 2 * np.pi * rng.random())
+    deep = 0.034 * share**-0.5 * (0.75 + 0.5 * rng.random(columns).cumsum() % 1 * 0.4)
+    x = width * (1 - (1 - across) * share)
+    z = deep * np.sin(phase) + 0.02 * np.sin(2 * np.pi * (down + across))
+    y = y - 0.10 * (1 - across) * np.sin(np.pi * np.clip((height - y) / (height - tie), 0, 1)) * (y > tie)
+    points = np.stack([x, y, z], axis=-1)[::-1]
+    uv = np.stack([1.6 * width * across, height * (1 - down)], axis=-1)[::-1]
+    return grid(points, smooth=True, uv=uv)
+
+
+def banner(
+    rng: np.random.Generator, width: float, path: ArrayLike, sway: float = 0.06, rows: int = 20, columns: int = 26
+) -> Patch:
+    """Returns a cloth that lies over things along a path and hangs free at its end.
+
+    The path (z, y) runs from the hidden end over the edge and down. Ripples lift the cloth off the path, a little where
+    it lies on stone and by up to 1.75 ``sway`` at the free end.
+
+    Args:
+        rng: Source of the ripples' irregularity.
+        width: Metres.
+        path: Points (z, y) in metres, shape (n, 2).
+        sway: Scale of the ripples at the free end, metres.
+        rows: Points along the path.
+        columns: Points across.
+
+    Returns:
+        The patch, smooth, its visible side to the right of the path (the front, for a path that goes down).
+
+    Example:
+        >>> banner(np.random.default_rng(0), 1.4, [(0, 1), (0.2, 1), (0.3, -1)]).triangle_count
+        950
+    """
+    line = np.asarray(path, dtype=float)
+    length = arc_lengths(line)
+    s = np.linspace(0, length[-1], rows)
+    z, y = (np.interp(s, length, line[:, axis]) for axis in range(2))
+    kernel = np.array([0.25, 0.5, 0.25])
+    z[1:-1], y[1:-1] = np.convolve(z, kernel, "valid"), np.convolve(y, kernel, "valid")
+    across = np.linspace(-1, 1, columns)
+    free = np.clip((s / length[-1] - 0.45) / 0.55, 0, 1)[:, None]
+    offsets = 2 * np.pi * rng.random(3)
+    ripple = 0.6 * np.sin(2.5 * np.pi * across + offsets[0] + 0.6 * free)
+    ripple = ripple + 0.4 * np.sin(5.3 * np.pi * across + offsets[1] - 0.9 * free) + 0.25
+    narrowing = 1 - 0.06 * free * (1 - np.cos(np.pi * across)) / 2
+    hem = 0.05 * free**4 * np.cos(3 * np.pi * across + offsets[2])
+    lift = sway * (0.1 + 0.9 * free**0.8) * (ripple + 0.75)
+    away_z, away_y = -np.gradient(y), np.gradient(z)
+    norm = np.hypot(away_z, away_y)
+    points = np.stack(
+        [
+            width / 2 * across * narrowing,
+            y[:, None] + hem + (away_y / norm)[:, None] * lift,
+            z[:, None] + (away_z / norm)[:, None] * lift,
+        ],
+        axis=-1,
+    )
+    uv = np.stack(np.broadcast_arrays(width / 2 * across, -s[:, None]), axis=-1)
+    return grid(points[::-1], smooth=True, uv=uv[::-1])
+
+
+def vase(segments: int = 18) -> tuple[Patch, Patch]:
+    """Returns a two-handled vase, 0.95 m tall, and the earth in it.
+
+    Example:
+        >>> body, earth = vase()
+        >>> round(float(body.vertices[:, 1].max()), 3)
+        0.95
+    """
+    foot = mitred([(0, 0), (0, 0.06)], ring_corners(0.17, 0.17), closed=True)
+    slab = mitred([(0, 0.06), (-0.06, 0.06)], ring_corners(0.17, 0.17), closed=True)
+    stem = [
+        bead(0.11, 0.03, 0.06, 0.11, 4),
+        hollow((0.11, 0.11), (0.075, 0.2), 0.025, 4),
+        bead(0.075, 0.02, 0.2, 0.23, 4),
+    ]
+    y = np.array([0.23, 0.27, 0.34, 0.44, 0.54, 0.62, 0.69, 0.78, 0.85, 0.90])
+    r = np.array([0.075, 0.14, 0.21, 0.265, 0.285, 0.27, 0.22, 0.17, 0.18, 0.215])
+    belly = np.stack([r, y], axis=1)
+    lip = [bead(0.215, 0.025, 0.90, 0.95, 5)]
+    inside = np.array([(0.215, 0.95), (0.19, 0.91), (0.165, 0.86), (0.16, 0.82)])
+    angle = np.linspace(1.15 * np.pi, -0.35 * np.pi, 9)
+    curve = np.array([0.27, 0.70]) + np.array([0.105, 0.13]) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    curve[0], curve[-1] = (0.178, 0.76), (0.262, 0.60)
+    handle = tube(np.stack([curve[:, 0], curve[:, 1], 0 * angle], axis=1), 0.017, 5)
+    turned = [lathe(piece, segments) for piece in (*stem, belly, *lip, inside)]
+    earth = lathe([(0.163, 0.835), (0.09, 0.855), (0.0, 0.86)], segments)
+    return join([foot, slab, *turned, handle, handle.placed(turns=np.pi)]), earth
+
+
+def agave(rng: np.random.Generator, blades: int = 26, height: float = 0.75) -> Patch:
+    """Returns a tuft of long folded blades that rise and bend outward from one root.
+
+    Args:
+        rng: Source of the blades' irregularity.
+        blades: Number of blades.
+        height: Length of the longest blade, metres.
+
+    Returns:
+        The patch; texture coordinates put the midrib at 0.5.
+
+    Example:
+        >>> agave(np.random.default_rng(0), blades=10).triangle_count
+        220
+    """
+    along = np.linspace(0, 1, 7)
+    pieces = []
+    for i in range(blades):
+        lean = 0.15 + 1.15 * (i / blades) + 0.1 * rng.standard_normal()
+        length = height * (1 - 0.35 * i / blades) * (0.85 + 0.3 * rng.random())
+        pitch = np.pi / 2 - lean * (0.35 + 1.25 * along)
+        step = length / (len(along) - 1)
+        out = 0.02 + np.concatenate([[0], np.cumsum(step * np.cos(pitch[:-1]))])
+        up = np.concatenate([[0], np.cumsum(step * np.sin(pitch[:-1]))])
+        width = 0.04 * np.array([0.6, 0.9, 1.0, 0.95, 0.75, 0.42, 0.0])
+        side = np.array([1.0, 0.0, -1.0])
+        points = np.stack(
+            [
+                side * width[:, None],
+                up[:, None] + 0.35 * np.abs(side) * width[:, None],
+                out[:, None] + 0.0 * side,
+            ],
+            axis=-1,
+        )
+        uv = np.stack(np.broadcast_arrays(0.5 - 0.5 * side, along[:, None]), axis=-1)
+        pieces.append(grid(points[:, ::-1], smooth=True, uv=uv[:, ::-1]).placed(turns=2.4 * i + 0.3 * rng.random()))
+    return join(pieces)
+
+
+FOUNTAIN_RADIUS = 1.62
+"""From the fountain's axis to the corners of its octagonal step, metres."""
+
+
+def fountain() -> tuple[Patch, Patch]:
+    """Returns an octagonal basin with a bowl on a pedestal, about 2.3 m tall, and the water in both.
+
+    Example:
+        >>> stone, water = fountain()
+        >>> round(float(stone.vertices[:, 1].max()), 2)
+        2.3
+    """
+    step = [[(FOUNTAIN_RADIUS, 0), (FOUNTAIN_RADIUS, 0.13)], [(FOUNTAIN_RADIUS, 0.13), (1.30, 0.13)]]
+    wall = [(1.30, 0.13), (1.30, 0.24), (1.24, 0.29), (1.24, 0.50), (1.30, 0.55), (1.34, 0.55), (1.34, 0.64)]
+    inner = [(1.34, 0.64), (1.10, 0.64), (1.10, 0.46)]
+    octagon = [lathe(piece, 8, faceted=True, turn=np.pi / 8) for piece in (*step, wall, inner)]
+    pedestal = [
+        np.array([(0.30, 0.50), (0.30, 0.58)]),
+        bead(0.28, 0.04, 0.58, 0.68),
+        hollow((0.28, 0.68), (0.17, 0.86), 0.05),
+        np.array([(0.17, 0.86), (0.20, 0.96), (0.21, 1.06), (0.185, 1.18), (0.13, 1.28), (0.115, 1.34)]),
+        bead(0.115, 0.03, 1.34, 1.40),
+        np.array([(0.13, 1.40), (0.34, 1.44), (0.52, 1.51), (0.62, 1.59), (0.66, 1.66)]),
+        bead(0.66, 0.03, 1.66, 1.72),
+        np.array([(0.66, 1.72), (0.61, 1.66), (0.57, 1.62)]),
+    ]
+    finial = [
+        bead(0.11, 0.03, 1.60, 1.70),
+        np.array([(0.10, 1.70), (0.065, 1.80), (0.06, 1.88), (0.09, 1.94)]),
+        bead(0.09, 0.02, 1.94, 1.98),
+        np.array([(0.09, 1.98), (0.125, 2.06), (0.12, 2.14), (0.075, 2.22), (0.03, 2.27), (0.0, 2.30)]),
+    ]
+    lobes = [_gadrooned(piece, 40) for piece in pedestal[5:6]]
+    turned = [lathe(piece, 28) for piece in (*pedestal[:5], *pedestal[6:], *finial)]
+    pool = lathe([(1.10, 0.5), (0.30, 0.5)], 8, faceted=True, turn=np.pi / 8)
+    bowl = lathe([(0.59, 1.64), (0.11, 1.64)], 28, faceted=True)
+    return join([*octagon, *lobes, *turned]), join([pool, bowl])
+
+
+def _gadrooned(profile: Array, lobes: int) -> Patch:
+    """A turned bowl whose belly is ribbed by rounded lobes."""
+    share = arc_lengths(profile) / arc_lengths(profile)[-1]
+    angle = np.linspace(0, 2 * np.pi, 4 * lobes // 2 + 1)
+    wave = np.abs(np.sin(angle * lobes / 4))
+    radius = profile[:, :1] * (1 + 0.05 * np.sin(np.pi * share)[:, None] * wave)
+    y = np.broadcast_to(profile[:, 1:], radius.shape)
+    return grid(np.stack([radius * np.sin(angle), y, radius * np.cos(angle)], axis=-1), smooth=True)
+
+
+def rosette(radius: float, petals: int = 8) -> Patch:
+    """Returns a carved flower on the plane z = 0: a ring of domed petals around a bud.
+
+    Example:
+        >>> rosette(0.15).triangle_count
+        304
+    """
+    share = np.array([1.0, 0.92, 0.72, 0.5, 0.34, 0.30])
+    height = np.array([0.0, 0.14, 0.24, 0.2, 0.06, 0.04])
+    around = np.linspace(0, 2 * np.pi, 4 * petals + 1)
+    lobe = np.abs(np.cos(petals * around / 2))
+    r = radius * share[:, None] * (1 - 0.14 * share[:, None] ** 2 * (1 - lobe))
+    z = radius * height[:, None] * (0.35 + 0.65 * lobe)
+    flower = grid(np.stack([r * np.cos(around), r * np.sin(around), z], axis=-1), smooth=True)
+    bud_angle = np.linspace(0, 2 * np.pi, 9)
+    profile = np.array([(0.30, 0.0), (0.27, 0.14), (0.16, 0.26), (0.0, 0.3)]) * radius
+    bud = np.stack(
+        [
+            profile[:, :1] * np.cos(bud_angle),
+            profile[:, :1] * np.sin(bud_angle),
+            np.broadcast_to(profile[:, 1:], (len(profile), len(bud_angle))),
+        ],
+        axis=-1,
+    )
+    return join([flower, grid(bud, smooth=True)])
+
+
+def lion_head(radius: float, rings: int = 17, spokes: int = 48) -> Patch:
+    """Returns a lion's head in relief on the plane z = 0: a mane of locks around a face.
+
+    The relief is a height over polar coordinates: a dome, locks that swirl around its rim, and bumps for brows,
+    cheeks, muzzle, nose and chin, with hollows for eyes and mouth.
+
+    Args:
+        radius: Metres.
+        rings: Rings of cells from the middle to the rim.
+        spokes: Cells around.
+
+    Returns:
+        The patch, smooth.
+
+    Example:
+        >>> lion_head(0.3).triangle_count
+        1584
+    """
+    rho, theta = np.meshgrid(np.linspace(0, 1, rings + 1) ** 0.85, np.linspace(0, 2 * np.pi, spokes + 1), indexing="ij")
+    x, y = rho * np.sin(theta), rho * np.cos(theta)
+    relief = 0.42 * np.sqrt(np.clip(1 - rho**2, 0, 1))
+    mane = _bump(rho, 0.78, 0.17)
+    relief += mane * (0.07 + 0.06 * np.sin(15 * theta + 7 * rho) + 0.03 * np.sin(30 * theta - 9 * rho))
+
+    def spot(cx: float, cy: float, sx: float, sy: float, amount: float) -> Array:
+        bump: Array = amount * np.exp(-(((x - cx) / sx) ** 2) - ((y - cy) / sy) ** 2)
+        return bump
+
+    for side in (-1.0, 1.0):
+        relief += spot(side * 0.20, 0.24, 0.14, 0.07, 0.12) + spot(side * 0.11, -0.16, 0.12, 0.11, 0.20)
+        relief += spot(side * 0.30, -0.06, 0.13, 0.16, 0.07) + spot(side * 0.46, 0.50, 0.10, 0.10, 0.16)
+        relief -= spot(side * 0.19, 0.12, 0.075, 0.05, 0.11)
+    relief += spot(0, 0.08, 0.07, 0.26, 0.15) + spot(0, -0.06, 0.09, 0.06, 0.12) + spot(0, -0.44, 0.11, 0.07, 0.14)
+    relief -= spot(0, -0.31, 0.13, 0.045, 0.22)
+    relief *= np.clip((1 - rho) / 0.06, 0, 1)
+    return grid(radius * np.stack([x, y, relief], axis=-1)[::-1], smooth=True)
+
+
+def _bump(value: Array, centre: float, width: float) -> Array:
+    bump: Array = np.exp(-(((value - centre) / width) ** 2))
+    return bump
+
+
+def basin(radius: float, segments: int = 18) -> tuple[Patch, Patch]:
+    """Returns half a shell-shaped basin for a wall at z = 0, its rim at y = 0, and the water in it.
+
+    Example:
+        >>> shell, water = basin(0.4)
+        >>> float(shell.vertices[:, 2].min()) >= -1e-9
+        True
+    """
+    share = np.array([0.0, 0.35, 0.62, 0.84, 0.96, 1.0])
+    depth = np.array([-0.75, -0.62, -0.44, -0.22, -0.08, 0.0])
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 2 * segments + 1)
+    rib = 1 + 0.05 * np.abs(np.sin(segments / 2 * (angle + np.pi / 2)))[None, :] * share[:, None]
+    r = radius * share[:, None] * rib
+
+    def half_turned(radii: Array, heights: Array) -> Array:
+        y = np.broadcast_to(heights, radii.shape)
+        z = radii * np.cos(angle)
+        z[:, [0, -1]] = 0.0
+        return np.stack([radii * np.sin(angle), y, z], axis=-1)
+
+    outside = half_turned(r, radius * depth[:, None])
+    rim_inner = half_turned(0.88 * r[-1:], np.zeros((1, 1)))
+    inside = half_turned(0.84 * r[-1:], np.full((1, 1), -0.12 * radius))
+    rim = grid(np.concatenate([outside[-1:], rim_inner]))
+    lip = grid(np.concatenate([rim_inner, inside]), smooth=True)
+    level = half_turned(0.855 * r[-1:], np.full((1, 1), -0.08 * radius))[0]
+    water = bridge([level[0], level[-1]], level[1:-1]).reversed()
+    return join([grid(outside, smooth=True), rim, lip]), water
+
+
+LEAF_TRIANGLES = 4
+"""Triangles of an ivy leaf: two lobes and two halves of the tip around the base."""
+
+LEAF_OUTLINE = np.array(
+    [
+        (0.0, 0.0, 0.0),
+        (-0.42, 0.16, 0.16),
+        (-0.5, -0.32, 0.1),
+        (0.0, -1.0, -0.12),
+        (0.5, -0.32, 0.1),
+        (0.42, 0.16, 0.16),
+    ]
+)
+"""Base, upper lobe, side, tip, side, upper lobe of an ivy leaf of length 1 that hangs down, folded along its midrib."""
+
+
+def ivy_leaves(roots: Array, turns: Array, tilts: Array, sizes: Array) -> Patch:
+    """Returns ivy leaves that hang from given points, four triangles each.
+
+    Args:
+        roots: Where the stems hold them, metres, shape (k, 3).
+        turns: Directions they face, radians about y, shape (k).
+        tilts: How far their tips are lifted from hanging straight down, radians, shape (k).
+        sizes: Lengths, metres, shape (k).
+
+    Returns:
+        The leaves; texture coordinates put the midrib at 0.5.
+
+    Example:
+        >>> ivy_leaves(np.zeros((2, 3)), np.zeros(2), np.zeros(2), np.full(2, 0.08)).triangle_count
+        8
+    """
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+    cosine, sine = np.cos(tilts)[:, None], np.sin(tilts)[:, None]
+    x, y, z = LEAF_OUTLINE.T
+    y, z = cosine * y + sine * z, -sine * y + cosine * z
+    turn_cosine, turn_sine = np.cos(turns)[:, None], np.sin(turns)[:, None]
+    local = np.stack([turn_cosine * x + turn_sine * z, y, -turn_sine * x + turn_cosine * z], axis=-1)
+    vertices = roots[:, None] + sizes[:, None, None] * local
+    outline = np.stack([0.5 + LEAF_OUTLINE[:, 0], 1 + LEAF_OUTLINE[:, 1]], axis=1)
+    numbers = faces + len(LEAF_OUTLINE) * np.arange(len(roots))[:, None, None]
+    uv = np.tile(outline, (len(roots), 1))
+    vertices = vertices.reshape(-1, 3)
+    return Patch(vertices, numbers.reshape(-1, 3), uv, np.zeros_like(vertices))
+
+
+def ivy_bud(root: ArrayLike, turn: float, size: float) -> Patch:
+    """Returns a young leaf at a stem's end, still a single triangle.
+
+    Example:
+        >>> ivy_bud((0, 0, 0), 0.0, 0.03).triangle_count
+        1
+    """
+    vertices = size * np.array([(-0.3, 0.0, 0.05), (0.0, -1.0, 0.1), (0.3, 0.0, 0.05)])
+    uv = np.array([(0.2, 1.0), (0.5, 0.0), (0.8, 1.0)])
+    return Patch(vertices, np.array([[0, 1, 2]]), uv, np.zeros((3, 3))).placed(root, turns=turn)
