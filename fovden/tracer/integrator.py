@@ -79,8 +79,9 @@ def trace_frame(
         counts, layer = counts.expand(shape).contiguous(), layer.expand(shape).contiguous()
         coordinates, gaze = samples.coords, samples.gaze
         limits = torch.tensor([shape[0], height, width])
-        inside = bool(((coordinates >= 0) & (coordinates < limits)).all())
-        require(inside, "samples.coords", coordinates.amax(0).tolist(), f"views, y and x below {limits.tolist()}")
+        outside = coordinates[((coordinates < 0) | (coordinates >= limits)).any(dim=1)]
+        expected = f"view, y and x from 0 to below {limits.tolist()}"
+        require(len(outside) == 0, "samples.coords", outside[:1].tolist(), expected)
     else:
         require_integer("samples", samples, minimum=1)
         counts = torch.full(shape, samples, dtype=torch.int32)
