@@ -1,0 +1,28 @@
+"""Denoisers: modules that fold a noisy frame into an image, and the plain functions on tensors beneath them.
+
+Every member obeys :class:`Denoiser`. To add one: write it in a file of its own, export it here, list it in
+``tests/contracts/test_denoisers.py``, and name its source in its docstring.
+
+| Class | What it is |
+| --- | --- |
+| :class:`Atrous` | the edge-avoiding à-trous filter (Dammertz et al. 2010), steps in any order |
+| :class:`NonHomogeneousAtrous` | the same with its own passes and widths in each foveation layer (2023 paper) |
+"""
+
+from fovden.filters.atrous import Atrous, atrous_pass
+from fovden.filters.base import Denoised, Denoiser
+from fovden.filters.edge_stopping import EdgeStopping
+from fovden.filters.guided import GuidedDenoiser
+from fovden.filters.holes import fill_holes
+from fovden.filters.nonhomogeneous import NonHomogeneousAtrous
+
+__all__ = [
+    "Atrous",
+    "Denoised",
+    "Denoiser",
+    "EdgeStopping",
+    "GuidedDenoiser",
+    "NonHomogeneousAtrous",
+    "atrous_pass",
+    "fill_holes",
+]

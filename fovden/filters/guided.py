@@ -1,0 +1,202 @@
+"""What the spatial denoisers share: from a frame to light and guides in comparable units, and back to an image."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from fovden.checks import require, require_finite
+from fovden.color import demodulate, luminance, modulate
+from fovden.filters.base import Denoised, Denoiser
+from fovden.filters.edge_stopping import SIGMA_NORMAL, SIGMA_POSITION
+from fovden.filters.holes import fill_holes
+from fovden.frame import Frame
+
+__all__ = ["MISS_DISTANCE", "GuidedDenoiser", "length_unit", "radiance_unit"]
+
+MISS_DISTANCE = 1e6
+"""How far away a pixel that sees nothing is taken to lie, in median hit depths. Any width of position below a tenth of
+it gives a tap across the border between surfaces and background the smallest weight there is, exp(-80)."""
+
+
+def radiance_unit(radiance: Tensor, mask: Tensor) -> Tensor:
+    """Returns each view's mean luminance over its sampled pixels, the unit of radiance of the relative filters.
+
+    Args:
+        radiance: Linear radiance, shape (v, 3, h, w).
+        mask: Weight of each pixel in the mean, shape (v, 1, h, w).
+
+    Returns:
+        Units above 0, shape (v, 1, 1, 1), without gradient; 1 for a view that is black or has no sample.
+
+    Example:
+        >>> mask = torch.tensor([1.0, 0.0]).reshape(1, 1, 1, 2)
+        >>> radiance_unit(4 * mask.expand(1, 3, 1, 2), mask).item()
+        4.0
+    """
+    mask = mask.detach().to(radiance.dtype)
+    total = (luminance(radiance.detach()) * mask).sum((1, 2, 3), keepdim=True)
+    unit = total / mask.sum((1, 2, 3), keepdim=True).clamp(min=torch.finfo(radiance.dtype).tiny)
+    return torch.where(unit > 0, unit, 1)
+
+
+def length_unit(depth: Tensor, hit: Tensor) -> Tensor:
+    """Returns each view's median depth over the pixels that see a surface, the unit of length of the relative filters.
+
+    Args:
+        depth: Distance along the viewing axis, shape (v, 1, h, w).
+        hit: Whether the pixel sees a surface, bool, the same shape.
+
+    Returns:
+        Units above 0, shape (v, 1, 1, 1), without gradient; 1 for a view that sees nothing.
+
+    Example:
+        >>> depth = torch.tensor([2.0, 3.0, 5.0, 0.0]).reshape(1, 1, 2, 2)
+        >>> length_unit(depth, depth > 0).item()
+        3.0
+    """
+    median = torch.where(hit, depth.detach(), torch.nan).flatten(1).nanmedian(dim=1).values
+    return torch.where(median > 0, median, 1)[:, None, None, None]
+
+
+class GuidedDenoiser(Denoiser):
+    """A spatial denoiser that a G-buffer guides; a member of the family writes :meth:`filter` alone.
+
+    The frame is brought into comparable units, filtered and brought back. With ``relative`` radiance is measured in
+    the view's mean sampled luminance and position in its median hit depth, so that one set of widths serves every
+    scene, exposure and unit of length. Both units are constants to the gradient.
+
+    A pixel that sees no surface has neither normal nor position. It is put :data:`MISS_DISTANCE` away, at one point
+    for all of them: background is filtered with background, and never with a surface, whatever the step.
+
+    With ``demodulate`` light without emission is divided by the albedo, filtered, and multiplied again, so that
+    textures survive; emission is added afterwards as it was. A pixel without samples has no emission of its own and
+    takes the mean of sampled taps that see the same triangle, or else of those like it in geometry.
+
+    Args:
+        relative: Whether to use the view's own units; if not, widths are in the frame's radiance and metres.
+        demodulate: Whether to filter illumination in place of radiance.
+        seam: Whether each pair of views is filtered as one image, the left beside the right one.
+
+    Example:
+        >>> from fovden.frame import GBuffer
+        >>> class Halve(GuidedDenoiser):
+        ...     def filter(self, radiance, normal, position, mask=None, layer=None):
+        ...         return radiance / 2
+        >>> frame = Frame.from_radiance(torch.ones(2, 3, 4, 4), GBuffer.empty(2, (4, 4)))
+        >>> Halve()(frame).image.mean()
+        tensor(0.5000)
+    """
+
+    def __init__(self, *, relative: bool = True, demodulate: bool = False, seam: bool = False) -> None:
+        super().__init__()
+        self.relative = relative
+        self.demodulate = demodulate
+        self.seam = seam
+
+    @abstractmethod
+    def filter(
+        self,
+        radiance: Tensor,
+        normal: Tensor,
+        position: Tensor,
+        mask: Tensor | None = None,
+        layer: Tensor | None = None,
+    ) -> Tensor:
+        """Returns the filtered radiance of plain tensors, in whatever units they are.
+
+        Args:
+            radiance: Radiance, shape (v, 3, h, w), 0 where not sampled.
+            normal: Unit normals, shape (v, 3, h, w).
+            position: Positions, shape (v, 3, h, w).
+            mask: Weight of each pixel as a tap, in [0, 1], shape (v or 1, 1, h, w), bool or floating; ``None`` means 1.
+            layer: Foveation layers, integers, shape (v or 1, 1, h, w); ``None`` means 0.
+
+        Returns:
+            The filtered radiance, the same shape.
+
+        Example:
+            >>> from fovden.filters import Atrous
+            >>> flat = torch.zeros(1, 3, 4, 4)
+            >>> Atrous().filter(flat + 2, flat, flat).mean()
+            tensor(2., grad_fn=...)
+        """
+
+    def forward(self, frame: Frame, history: Any = None) -> Denoised:
+        """Returns the denoised image of a frame; there is no history.
+
+        Args:
+            frame: The noisy frame.
+            history: Not used: the filter is spatial.
+
+        Returns:
+            The image, in the frame's units, and ``None``.
+
+        Raises:
+            ValueError: If radiance is negative or not finite anywhere, a guide is not finite where a surface is
+                seen, or ``seam`` asks for pairs of an odd number of views.
+
+        Differentiable: in the frame's light, albedo, normal and position, and in the parameters.
+
+        Example:
+            >>> from fovden.filters import Atrous
+            >>> from fovden.frame import GBuffer
+            >>> frame = Frame.from_radiance(torch.full((2, 3, 4, 4), 0.5), GBuffer.empty(2, (4, 4)))
+            >>> Atrous()(frame).image.mean()
+            tensor(0.5000, grad_fn=<MeanBackward0>)
+        """
+        del history
+        for part in ("direct", "indirect", "emission"):
+            require_finite(f"frame.radiance ({part})", getattr(frame, part), minimum=0)
+        hit, mask = frame.gbuffer.hit, frame.mask
+        length = length_unit(frame.gbuffer.depth, hit).to(frame.direct.dtype)
+        normal = require_finite("frame.gbuffer.normal", torch.where(hit, frame.gbuffer.normal, 0))
+        position = torch.where(hit, frame.gbuffer.position / length, MISS_DISTANCE)
+        require_finite("frame.gbuffer.position", position)
+
+        albedo = torch.where(hit, frame.gbuffer.albedo, 1)
+        light = demodulate(frame.direct + frame.indirect, albedo) if self.demodulate else frame.radiance
+        unit = radiance_unit(light, mask) if self.relative else torch.ones_like(length)
+        guides = (normal, position if self.relative else position * length)
+        inputs = [light / unit, *guides, mask, frame.layer]
+        if self.seam:
+            inputs = [_join_views(tensor) for tensor in inputs]
+        filtered = self.filter(*inputs)
+        image = (_part_views(filtered) if self.seam else filtered) * unit
+        if self.demodulate:
+            image = modulate(image, albedo) + _fill_emission(frame, normal, position)
+        return Denoised(image)
+
+
+def _fill_emission(frame: Frame, normal: Tensor, position: Tensor) -> Tensor:
+    """The emission, also where no path was traced; positions are in median hit depths, as the widths are."""
+    if not bool(frame.emission.any()):
+        return frame.emission
+    return fill_holes(
+        frame.emission,
+        frame.counts == 0,
+        frame.mask,
+        normal,
+        position,
+        sigma_normal=SIGMA_NORMAL,
+        sigma_position=SIGMA_POSITION,
+        label=frame.gbuffer.prim,
+    )
+
+
+def _join_views(tensor: Tensor) -> Tensor:
+    """(2n, c, h, w) to (n, c, h, 2w)."""
+    views, channels, height, width = tensor.shape
+    require(views % 2 == 0, "frame", f"{views} views", "an even number of views, since seam joins them in pairs")
+    pairs = tensor.reshape(views // 2, 2, channels, height, width)
+    return pairs.permute(0, 2, 3, 1, 4).reshape(views // 2, channels, height, 2 * width)
+
+
+def _part_views(tensor: Tensor) -> Tensor:
+    """(n, c, h, 2w) to (2n, c, h, w)."""
+    pairs, channels, height, width = tensor.shape
+    parts = tensor.reshape(pairs, channels, height, 2, width // 2).permute(0, 3, 1, 2, 4)
+    return parts.reshape(2 * pairs, channels, height, width // 2)

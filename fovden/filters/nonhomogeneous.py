@@ -1,0 +1,333 @@
+"""Non-homogeneous denoising for foveated path tracing (Graphical Models 2023, doi 10.1016/j.gmod.2023.101184).
+
+The image is cut into the layers of the foveation, and each layer is filtered with its own number of edge-avoiding
+à-trous passes, few in the fovea and more outside, over the pixels that were sampled.
+
+Departures from the paper: the paper states neither the numbers of passes nor the widths of the edge-stopping
+functions, and leaves fourteen questions open; each has a default here, and an option where another reading is
+plausible, listed in :class:`NonHomogeneousAtrous`. Widths are learnable, and by default relative to the view's own
+units.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Literal, TypedDict, Unpack
+
+import torch
+from torch import Tensor, nn
+
+from fovden.checks import require, require_integer, require_shapes, require_tensor
+from fovden.filters.edge_stopping import (
+    SIGMA_NORMAL,
+    SIGMA_POSITION,
+    SIGMA_RADIANCE,
+    EdgeStopping,
+    Schedule,
+    SigmaBy,
+)
+from fovden.filters.guided import GuidedDenoiser
+from fovden.filters.holes import fill_holes as fill
+from fovden.filters.passes import (
+    MaskAt,
+    PassOptions,
+    RadianceGuide,
+    State,
+    UnsampledGuide,
+    advance,
+    begin,
+    paste,
+    require_choice,
+)
+from fovden.filters.taps import Border, Sigmas
+
+__all__ = ["LEVELS", "NonHomogeneousAtrous"]
+
+LEVELS = (3, 4, 5)
+"""Passes M, N, P of the inner, middle and outer layer. The paper asks for M < N < P and gives no values; its figure
+shows three levels, and five is the usual number of the à-trous filter (Dammertz et al. 2010)."""
+
+LayerOrder = Literal["sequential", "snapshot", "interleaved"]
+MaskUpdate = Literal["static", "fill"]
+
+
+class _Options(TypedDict, total=False):
+    """The keywords of :class:`NonHomogeneousAtrous`, for its named constructors."""
+
+    sigma_radiance: float | Sequence[float]
+    sigma_normal: float | Sequence[float]
+    sigma_position: float | Sequence[float]
+    mask_at: MaskAt
+    guide: RadianceGuide
+    unsampled_guide: UnsampledGuide
+    mask_update: MaskUpdate
+    fill_holes: bool
+    layers: LayerOrder
+    border: Border
+    seam: bool
+    schedule: Schedule
+    sigma_by: SigmaBy
+    demodulate: bool
+    relative: bool
+
+
+class NonHomogeneousAtrous(GuidedDenoiser):
+    """The non-homogeneous denoiser: each foveation layer with its own number of passes and its own widths.
+
+    The paper's Algorithm 1, for layers from the innermost outwards and L the layer's number of passes:
+
+        for step in 2^(L-1), ..., 2, 1:
+            for each pixel p of the layer, and its taps q = p + step (i, j) with i, j in -2..2:
+                weight(p, q) = h(i, j) b(q) w_rt(p, q) w_n(p, q) w_x(p, q)
+            c(p) <- sum_q weight(p, q) c(q) / sum_q weight(p, q)
+
+    with c the radiance, b the sampling mask, h the 5 x 5 B3 spline and the three edge-stopping functions of
+    :func:`fovden.filters.atrous_pass`. Layers come from ``frame.layer``, 0 the innermost; where a frame has more
+    layers than ``levels`` has entries, the last entry serves the rest. ``(3, 4, 5)`` is the paper's NH3LD, ``(3, 5)``
+    its NH2LD (which leaves the sampling mask alone) and ``(5,)`` its Base.
+
+    What the paper leaves open, by the numbers of the questions, with the default first:
+
+    - F1, which pixel's mask counts, ``mask_at``: ``"neighbor"``, the prose's reading; ``"center"``, the formulas'
+      literal one, leaves every unsampled pixel black (holes are not filled then), and lets sampled ones read black.
+    - F2, which pixel is written: the centre one.
+    - F3, in place or not: each pass reads the image that the one before left; other layers' pixels are copied.
+    - F4, whose radiance w_rt compares, ``guide``: ``"current"``, the image so far, as in the à-trous shader;
+      ``"input"``, the noisy image (an unsampled pixel takes the first value that it is filled with).
+    - F5, w_rt of a pixel without a value, ``unsampled_guide``: ``"drop"``, 1 until it has one; ``"literal"``, its 0
+      is compared, which favours dark taps; ``"nearest"``, the nearest sampled pixel's radiance stands in.
+    - F6, whether a filled pixel may be read, ``mask_update``: ``"static"``, never; ``"fill"``, its mask becomes 1.
+    - F7, whether it counts itself in later passes: with ``"static"`` it does not, with ``"fill"`` it does.
+    - F8, weights that sum to nothing: the pixel keeps its value, and what is never reached is filled at the end
+      (:func:`fovden.filters.fill_holes`: geometry alone, then the mask alone, each at the smallest step that has a
+      tap); ``fill_holes=False`` leaves it 0.
+    - F9, what a layer reads of the others, ``layers``: ``"sequential"``, inner layers filtered and outer ones raw;
+      ``"snapshot"``, all others raw; ``"interleaved"``, level by level: all layers that have a step run it on the
+      same image, the largest step first.
+    - F10, taps outside the image, ``border``: ``"skip"``; ``"clamp"`` reads the nearest pixel of the edge.
+    - F11, taps across the border between the eyes, ``seam``: ``False``, never; ``True`` filters each pair of views
+      as one image, side by side, as the paper's single texture would.
+    - F12, how the width of radiance shrinks, ``schedule`` and ``sigma_by``: halved with each pass
+      (:class:`fovden.filters.EdgeStopping` has the others).
+    - F13, ``demodulate``: ``False``, radiance is filtered as it is; ``True`` divides by the albedo first, which
+      keeps textures sharp (recommended for quality).
+    - F14, darkening: sums are divided by the sum of weight, mask and kernel, so that unsampled pixels do not darken.
+
+    Args:
+        levels: Number of passes of each layer, the innermost first. The paper's M < N < P; others warn.
+        sigma_radiance: Initial width of radiance in the first pass, one for all layers or one for each.
+        sigma_normal: Initial width of normals at step 1, the same way.
+        sigma_position: Initial width of position, the same way.
+        mask_at: F1.
+        guide: F4.
+        unsampled_guide: F5.
+        mask_update: F6, F7.
+        fill_holes: F8.
+        layers: F9.
+        border: F10.
+        seam: F11.
+        schedule: F12.
+        sigma_by: F12.
+        demodulate: F13.
+        relative: Whether widths are in the view's own units of radiance and length, or literally in the frame's.
+
+    Raises:
+        ValueError: If there is no level, one is below 1, a width is not positive, or an option is none of those
+            listed.
+
+    Differentiable: in the frame's light, albedo, normal and position, and in the widths. Cost: 25 taps in each pass
+    for each pixel of the layer's bounding box.
+
+    Source: the 2023 paper, sections 3.2 and 3.3 and Algorithm 1; weights from the shader of Dammertz et al. (2010);
+    the widths' defaults are ours, see :mod:`fovden.filters.edge_stopping`.
+
+    Example:
+        >>> from fovden.frame import Frame, GBuffer
+        >>> counts = (torch.arange(256) % 2).float().reshape(1, 1, 16, 16)
+        >>> radiance = (counts * 0.5).expand(1, 3, 16, 16)
+        >>> layer = (torch.arange(16) // 6).expand(1, 1, 16, 16)
+        >>> frame = Frame.from_radiance(radiance, GBuffer.empty(1, (16, 16)), counts=counts, layer=layer)
+        >>> denoiser = NonHomogeneousAtrous(levels=(1, 2, 3))
+        >>> image = denoiser(frame).image
+        >>> torch.allclose(image, torch.tensor(0.5)), len(list(denoiser.parameters()))
+        (True, 9)
+    """
+
+    def __init__(
+        self,
+        levels: Sequence[int] = LEVELS,
+        *,
+        sigma_radiance: float | Sequence[float] = SIGMA_RADIANCE,
+        sigma_normal: float | Sequence[float] = SIGMA_NORMAL,
+        sigma_position: float | Sequence[float] = SIGMA_POSITION,
+        mask_at: MaskAt = "neighbor",
+        guide: RadianceGuide = "current",
+        unsampled_guide: UnsampledGuide = "drop",
+        mask_update: MaskUpdate = "static",
+        fill_holes: bool = True,
+        layers: LayerOrder = "sequential",
+        border: Border = "skip",
+        seam: bool = False,
+        schedule: Schedule = "halve_sigma",
+        sigma_by: SigmaBy = "pass",
+        demodulate: bool = False,
+        relative: bool = True,
+    ) -> None:
+        super().__init__(relative=relative, demodulate=demodulate, seam=seam)
+        require(len(levels) > 0, "levels", levels, "at least one layer")
+        self.levels = tuple(require_integer("levels", level, minimum=1) for level in levels)
+        if any(inner >= outer for inner, outer in pairwise(self.levels)):
+            warnings.warn(f"levels: the paper has more passes in each further layer, got {self.levels}", stacklevel=2)
+        require_choice("layers", layers, LayerOrder)
+        require_choice("mask_update", mask_update, MaskUpdate)
+        self.layers = layers
+        self.fill_holes = fill_holes
+        self.options = PassOptions(mask_at, guide, unsampled_guide, mask_update == "fill", border)
+        widths = zip(
+            self._per_layer("sigma_radiance", sigma_radiance),
+            self._per_layer("sigma_normal", sigma_normal),
+            self._per_layer("sigma_position", sigma_position),
+            strict=True,
+        )
+        self.edge_stopping = nn.ModuleList(
+            EdgeStopping(*sigmas, schedule=schedule, sigma_by=sigma_by) for sigmas in widths
+        )
+
+    @classmethod
+    def base(cls, level: int = LEVELS[2], **options: Unpack[_Options]) -> NonHomogeneousAtrous:
+        """Returns the paper's Base: one layer, P passes everywhere.
+
+        Args:
+            level: P.
+            **options: Keywords of the class.
+
+        Example:
+            >>> NonHomogeneousAtrous.base().levels
+            (5,)
+        """
+        return cls((level,), **options)
+
+    @classmethod
+    def nh2ld(
+        cls, levels: tuple[int, int] = (LEVELS[0], LEVELS[2]), **options: Unpack[_Options]
+    ) -> NonHomogeneousAtrous:
+        """Returns the paper's NH2LD: M passes in the innermost layer, P in all others.
+
+        Args:
+            levels: M and P.
+            **options: Keywords of the class.
+
+        Example:
+            >>> NonHomogeneousAtrous.nh2ld(demodulate=True).levels
+            (3, 5)
+        """
+        return cls(levels, **options)
+
+    @classmethod
+    def nh3ld(cls, levels: tuple[int, int, int] = LEVELS, **options: Unpack[_Options]) -> NonHomogeneousAtrous:
+        """Returns the paper's NH3LD: M, N and P passes in the inner, middle and outer layer.
+
+        Args:
+            levels: M, N and P.
+            **options: Keywords of the class.
+
+        Example:
+            >>> NonHomogeneousAtrous.nh3ld().levels
+            (3, 4, 5)
+        """
+        return cls(levels, **options)
+
+    def filter(
+        self,
+        radiance: Tensor,
+        normal: Tensor,
+        position: Tensor,
+        mask: Tensor | None = None,
+        layer: Tensor | None = None,
+    ) -> Tensor:
+        """Returns the filtered radiance of plain tensors; see :meth:`fovden.filters.GuidedDenoiser.filter`.
+
+        Raises:
+            ValueError: If a layer is negative.
+
+        Example:
+            >>> flat = torch.zeros(1, 3, 4, 4)
+            >>> NonHomogeneousAtrous((1,)).filter(flat + 2, flat, flat).mean()
+            tensor(2., grad_fn=<MeanBackward0>)
+        """
+        c, n, x, b = radiance, normal, position, mask
+        layer = self._layer_of(radiance, layer)
+        regions = [layer == index for index in range(len(self.levels))]
+
+        def run(state: State, index: int, step: int, sigmas: Sigmas) -> State:
+            return advance(state, n, x, step=step, sigmas=sigmas, region=regions[index], options=self.options)
+
+        state = start = begin(c, b)
+        if self.layers == "sequential":
+            for index in range(len(self.levels)):
+                for step, sigmas in self._passes(index):
+                    state = run(state, index, step, sigmas)
+        elif self.layers == "snapshot":
+            for index, region in enumerate(regions):
+                alone = start
+                for step, sigmas in self._passes(index):
+                    alone = run(alone, index, step, sigmas)
+                state = paste(region, alone, state)
+        else:
+            for level in reversed(range(max(self.levels))):
+                before = state
+                for index, region in enumerate(regions):
+                    for step, sigmas in self._passes(index):
+                        if step == 2**level:
+                            state = paste(region, run(before, index, step, sigmas), state)
+        return self._fill(state, n, x, layer) if self.fill_holes else state.image
+
+    def _passes(self, index: int) -> Iterator[tuple[int, Sigmas]]:
+        """Steps and widths of a layer's passes, in the order in which they run."""
+        steps = [2**level for level in reversed(range(self.levels[index]))]
+        edge_stopping = self.edge_stopping[index]
+        assert isinstance(edge_stopping, EdgeStopping)
+        return zip(steps, edge_stopping.passes(steps), strict=True)
+
+    def _fill(self, state: State, normal: Tensor, position: Tensor, layer: Tensor) -> Tensor:
+        if self.options.mask_at == "center" or bool(state.known.all()):
+            return state.image
+        widths = [next(self._passes(index))[1] for index in range(len(self.levels))]
+        return fill(
+            state.image,
+            ~state.known,
+            state.mask,
+            normal,
+            position,
+            sigma_normal=torch.stack([torch.as_tensor(width.normal) for width in widths])[layer],
+            sigma_position=torch.stack([torch.as_tensor(width.position) for width in widths])[layer],
+        )
+
+    def _layer_of(self, radiance: Tensor, layer: Tensor | None) -> Tensor:
+        """The entry of ``levels`` that each pixel belongs to, shape (v, 1, h, w)."""
+        plane = radiance[:, :1]
+        if layer is None:
+            return torch.zeros_like(plane, dtype=torch.int64)
+        views, _, height, width = plane.shape
+        require_shapes("v 1 h w", {"h": height, "w": width}, layer=require_tensor("layer", layer))
+        require(layer.shape[0] in (1, views), "layer", f"{layer.shape[0]} views", f"1 or {views} views")
+        require(bool((layer >= 0).all()), "layer", f"a least value of {int(layer.min())}", "values of at least 0")
+        return layer.to(torch.int64).clamp(max=len(self.levels) - 1).expand_as(plane)
+
+    def _per_layer(self, name: str, widths: float | Sequence[float]) -> list[float]:
+        values = list(widths) if isinstance(widths, Sequence) else [widths] * len(self.levels)
+        require(len(values) == len(self.levels), name, values, f"one number, or one for each of {self.levels}")
+        return values
+
+    def extra_repr(self) -> str:
+        """Returns the levels and the readings, for ``print``.
+
+        Example:
+            >>> NonHomogeneousAtrous((2, 3)).extra_repr()[:37]
+            "levels=(2, 3), layers='sequential', m"
+        """
+        readings = {"layers": self.layers, **vars(self.options), "seam": self.seam, "fill_holes": self.fill_holes}
+        units = {"demodulate": self.demodulate, "relative": self.relative}
+        return ", ".join(f"{name}={value!r}" for name, value in {"levels": self.levels, **readings, **units}.items())
