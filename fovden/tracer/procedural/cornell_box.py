@@ -6,7 +6,9 @@ import numpy as np
 
 from fovden.camera import StereoCamera
 from fovden.tracer.materials import Material
-from fovden.tracer.procedural.mesh_builder import MeshBuilder, Patch, Surface, bridge, join, quad
+from fovden.tracer.procedural.mesh_builder import MeshBuilder, Surface
+from fovden.tracer.procedural.patch import Patch, join
+from fovden.tracer.procedural.primitives import bridge, quad
 from fovden.tracer.scene import Scene
 
 __all__ = ["cornell_box"]
@@ -70,7 +72,7 @@ def _block(height: float, plan: list[tuple[float, float]]) -> Patch:
     """The top and the four sides of a block; ``plan`` lists its corners (x, z) so that the top faces up."""
     base = np.array([(x, 0.0, z) for x, z in plan])
     top = base + np.array([0.0, height, 0.0])
-    sides = [quad(base[i], top[i], top[(i + 1) % 4], base[(i + 1) % 4]) for i in range(4)]
+    sides = [quad(base[i], base[(i + 1) % 4], top[(i + 1) % 4], top[i]) for i in range(4)]
     return join([quad(*top), *sides])
 
 

@@ -13,19 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fovden.tracer.procedural.mesh_builder import (
-    Array,
-    Patch,
-    arc_lengths,
-    box,
-    bridge,
-    grid,
-    join,
-    lathe,
-    mitred,
-    ring_corners,
-    tube,
-)
+from fovden.tracer.procedural.patch import Array, Patch, join
+from fovden.tracer.procedural.primitives import arc_lengths, box, bridge, grid, lathe, mitred, ring_corners, tube
 
 __all__ = ["ColumnOrder", "baluster", "bead", "column", "hollow", "pilaster", "rim"]
 
@@ -180,7 +169,7 @@ def _capital(order: ColumnOrder, radius: float) -> Patch:
     eighth = np.pi / 4 * np.arange(8)
     for row in range(order.leaf_rows):
         tall = height * (0.42 + 0.26 * row) if order.leaf_rows > 1 else 0.55 * height
-        blade = _acanthus(bell, foot=0.05 * height, height=tall, width=0.72 * radius, curl=0.18 * height)
+        blade = _acanthus(bell, foot=0.05 * height, height=tall, width=0.63 * radius, curl=0.18 * height)
         pieces.append(blade.placed(turns=eighth + row * np.pi / 8))
     scroll = _volute(radius, order.abacus, height, order.scroll_sides)
     pieces.append(scroll.placed(turns=np.pi / 4 + np.pi / 2 * np.arange(4)))

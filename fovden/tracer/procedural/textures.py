@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fovden.tracer.procedural.mesh_builder import Array
+from fovden.tracer.procedural.patch import Array
 
 __all__ = ["ashlar", "cloth", "inlay", "leaf", "marble", "noise", "plaster", "terracotta", "wood"]
 
