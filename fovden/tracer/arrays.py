@@ -12,6 +12,7 @@ from torch import Tensor
 from fovden.camera import Camera, StereoCamera
 from fovden.checks import require
 from fovden.color import luminance, srgb_to_linear
+from fovden.memory import on_large_pages
 from fovden.tracer.kernels import illumination
 from fovden.tracer.kernels.illumination import LightTable
 from fovden.tracer.kernels.paths import Views
@@ -44,15 +45,15 @@ def geometry_arrays(scene: Scene) -> GeometryArrays:
     assert scene.normals is not None  # filled in by Scene, like uv
     assert scene.uv is not None
     return GeometryArrays(
-        vertices=scene.vertices.detach().numpy(),
-        faces=scene.faces.numpy(),
-        normals=scene.normals.numpy(),
-        uv=scene.uv.numpy(),
+        vertices=on_large_pages(scene.vertices).numpy(),
+        faces=on_large_pages(scene.faces).numpy(),
+        normals=on_large_pages(scene.normals).numpy(),
+        uv=on_large_pages(scene.uv).numpy(),
         material_ids=scene.material_ids.numpy(),
         albedo=materials.albedo.numpy(),
         emission=materials.emission.numpy(),
         texture=materials.texture.numpy(),
-        texels=texels.contiguous().numpy(),
+        texels=on_large_pages(texels).numpy(),
         texture_first=first.numpy(),
         texture_height=sizes[:, 0].contiguous().numpy(),
         texture_width=sizes[:, 1].contiguous().numpy(),

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from fovden import parallel
 from fovden.checks import require, require_shapes
+from fovden.memory import on_large_pages
 from fovden.tracer.kernels import build, traversal
 from fovden.tracer.kernels.layout import BLOCK_SIZE, NODE_SIZE, WIDTH
 
@@ -81,7 +82,7 @@ def build_bvh(vertices: Tensor, faces: Tensor) -> Bvh:
     nodes, blocks = torch.zeros(wide, NODE_SIZE), torch.empty(leaves, BLOCK_SIZE)
     arrays = (nodes.numpy(), nodes.view(torch.int32).numpy(), blocks.numpy(), blocks.view(torch.int32).numpy())
     build.pack(node_boxes, first, size, order, children_of, parents, corners, triangles, *arrays)
-    return Bvh(nodes, blocks)
+    return Bvh(on_large_pages(nodes), on_large_pages(blocks))
 
 
 def intersect(bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Hits:

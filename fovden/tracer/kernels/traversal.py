@@ -172,8 +172,9 @@ def closest_hits(
     accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks))
     scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
     for i in range(start, stop):
-        o, d = origins[i], directions[i]
-        t[i], u[i], v[i], prim[i] = closest(accelerator, scratch, o[0], o[1], o[2], d[0], d[1], d[2], t_max[i])
+        ox, oy, oz = origins[i, 0], origins[i, 1], origins[i, 2]
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        t[i], u[i], v[i], prim[i] = closest(accelerator, scratch, ox, oy, oz, dx, dy, dz, t_max[i])
 
 
 @kernel
@@ -184,5 +185,6 @@ def any_hits(
     accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks))
     scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
     for i in range(start, stop):
-        o, d = origins[i], directions[i]
-        occluded[i] = is_occluded(accelerator, scratch, o[0], o[1], o[2], d[0], d[1], d[2], t_max[i])
+        ox, oy, oz = origins[i, 0], origins[i, 1], origins[i, 2]
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        occluded[i] = is_occluded(accelerator, scratch, ox, oy, oz, dx, dy, dz, t_max[i])
