@@ -246,7 +246,14 @@ def store(builder: Builder, lanes: Lanes, pointer: Value, offset: int = 0) -> No
 
 @intrinsic
 def pointer_to(context: Any, array: Any) -> Any:
-    """Pointer to an array's first element: one word to pass on where an array is seven."""
+    """Returns a pointer to an array's first element: one word to pass on where an array is seven.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> njit(lambda array: pointer_to(array)[1])(np.array([1.0, 2.0]))
+        2.0
+    """
 
     def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
         return target.make_array(signature.args[0])(target, builder, arguments[0]).data
@@ -281,7 +288,14 @@ stack_words = _stack(types.int64, I64)
 
 @intrinsic
 def trailing_zeros(context: Any, number: Any) -> Any:
-    """Number of zero bits below the lowest set bit of an int32 that is not zero."""
+    """Returns the number of zero bits below the lowest set bit of an int32 that is not zero.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> njit(lambda mask: trailing_zeros(mask))(np.int32(8))
+        3
+    """
 
     def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
         return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
@@ -291,7 +305,14 @@ def trailing_zeros(context: Any, number: Any) -> Any:
 
 @intrinsic
 def bits_of(context: Any, number: Any) -> Any:
-    """The bits of a float32 as an int32."""
+    """Returns the bits of a float32 as an int32.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> hex(njit(lambda number: bits_of(number))(np.float32(1.0)))
+        '0x3f800000'
+    """
 
     def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
         return builder.bitcast(arguments[0], I32)
@@ -301,7 +322,14 @@ def bits_of(context: Any, number: Any) -> Any:
 
 @intrinsic
 def load_int32(context: Any, pointer: Any, offset: Any) -> Any:
-    """The int32 at a float32 pointer plus an offset in elements."""
+    """Returns the int32 at a float32 pointer plus an offset in elements.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> njit(lambda array: load_int32(pointer_to(array), 0))(np.array([7], np.int32).view(np.float32))
+        7
+    """
 
     def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
         place = builder.bitcast(builder.gep(arguments[0], [arguments[1]]), I32.as_pointer())

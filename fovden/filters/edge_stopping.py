@@ -33,7 +33,10 @@ SIGMA_POSITION = 0.03
 """Default width of the position, in units of the view's median hit depth."""
 
 Schedule = Literal["halve_sigma", "halve_phi", "constant"]
+"""How the width of radiance shrinks from pass to pass."""
+
 SigmaBy = Literal["pass", "scale"]
+"""What it shrinks with: the number of the pass, or the rank of its step."""
 
 FACTORS: dict[str, float] = {"halve_sigma": 0.5, "halve_phi": math.sqrt(0.5), "constant": 1.0}
 

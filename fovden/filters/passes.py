@@ -15,8 +15,13 @@ from fovden.filters.taps import Border, Sigmas, blend_taps
 __all__ = ["MaskAt", "PassOptions", "RadianceGuide", "State", "UnsampledGuide", "advance", "begin", "paste"]
 
 MaskAt = Literal["neighbor", "center"]
+"""Which pixel's mask counts in a weight: the tap's or the pixel's own."""
+
 RadianceGuide = Literal["current", "input"]
+"""Whose differences of radiance are weighed: those of the image so far or of the noisy one."""
+
 UnsampledGuide = Literal["drop", "literal", "nearest"]
+"""What a pixel without a value compares with its taps: nothing, its 0, or the nearest sampled pixel's radiance."""
 
 
 class State(NamedTuple):
@@ -37,7 +42,12 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class PassOptions:
-    """Readings of the weights; :class:`fovden.filters.NonHomogeneousAtrous` describes each."""
+    """Readings of the weights; :class:`fovden.filters.NonHomogeneousAtrous` describes each.
+
+    Example:
+        >>> PassOptions(border="clamp").guide
+        'current'
+    """
 
     mask_at: MaskAt = "neighbor"
     guide: RadianceGuide = "current"
@@ -62,13 +72,39 @@ def require_choice(name: str, value: object, literal: object) -> None:
 
 
 def begin(radiance: Tensor, mask: Tensor | None) -> State:
-    """Returns the state before the first pass: what is sampled is known."""
+    """Returns the state before the first pass: what is sampled is known.
+
+    Args:
+        radiance: The noisy radiance, shape (v, 3, h, w).
+        mask: Weight of each pixel as a tap, shape (v or 1, 1, h, w); ``None`` means 1.
+
+    Returns:
+        The state.
+
+    Example:
+        >>> begin(torch.ones(1, 3, 2, 2), torch.eye(2)[None, None]).known.sum()
+        tensor(2)
+    """
     mask = torch.ones_like(radiance[:, :1]) if mask is None else mask.to(radiance.dtype).expand_as(radiance[:, :1])
     return State(radiance, mask, mask > 0, radiance)
 
 
 def paste(region: Tensor, new: State, old: State) -> State:
-    """Returns the new state inside the region and the old one elsewhere."""
+    """Returns the new state inside the region and the old one elsewhere.
+
+    Args:
+        region: Where the new state counts, bool, shape (v or 1, 1, h, w).
+        new: The state inside.
+        old: The state outside.
+
+    Returns:
+        The state.
+
+    Example:
+        >>> one, two = begin(torch.ones(1, 3, 1, 2), None), begin(torch.full((1, 3, 1, 2), 2.0), None)
+        >>> paste(torch.tensor([[[[True, False]]]]), two, one).image[0, 0]
+        tensor([[2., 1.]])
+    """
     return State(*(torch.where(region, inside, outside) for inside, outside in zip(new, old, strict=True)))
 
 
@@ -82,7 +118,26 @@ def advance(
     region: Tensor | None = None,
     options: PassOptions,
 ) -> State:
-    """Returns the state after one pass over a region; outside of it nothing changes."""
+    """Returns the state after one pass over a region; outside of it nothing changes.
+
+    Args:
+        state: The state before.
+        normal: Unit normals, shape (v, 3, h, w).
+        position: Positions, shape (v, 3, h, w).
+        step: Distance between neighbouring taps in pixels.
+        sigmas: Widths of the edge-stopping functions.
+        region: Where to filter, bool, shape (v or 1, 1, h, w); ``None`` means everywhere.
+        options: Readings of the weights.
+
+    Returns:
+        The state after.
+
+    Example:
+        >>> flat = torch.zeros(1, 3, 4, 4)
+        >>> half = begin(flat + 2, torch.tensor([1.0, 0.0, 1.0, 0.0]).expand(1, 1, 4, 4))
+        >>> advance(half, flat, flat, step=1, sigmas=Sigmas(1.0, 1.0, 1.0), options=PassOptions()).known.all()
+        tensor(True)
+    """
     image, mask, known, first = state
     guide = first if options.guide == "input" else image
     centre = guide

@@ -147,11 +147,11 @@ def blend_taps(
         for i, y in rows.taps:
             for j, x in columns.taps:
                 place = (..., slice(y + start, y + stop), slice(x, x + right - left))
-                exponent: Tensor | None = None
-                for mine, theirs, factor in zip(here, taps, strip_inverse, strict=True):
-                    term = (mine - theirs[place]).square().sum(1, keepdim=True) * factor
-                    exponent = term if exponent is None else exponent + term
-                assert exponent is not None
+                radiance_term, normal_term, position_term = (
+                    (mine - theirs[place]).square().sum(1, keepdim=True) * factor
+                    for mine, theirs, factor in zip(here, taps, strip_inverse, strict=True)
+                )
+                exponent = radiance_term + normal_term + position_term
                 weight = exponent.neg().clamp(min=SMALLEST_EXPONENT).exp() * (presence[place] * kernel_rows[i][j])
                 share = weight * values[place]
                 total = weight if total is None else total + weight
@@ -168,12 +168,18 @@ def blend_taps(
     if region is not None:
         filled = filled & (region != 0)[..., top:bottom, left:right]
     image = torch.where(filled, mean, radiance[..., top:bottom, left:right])
-    if (bottom - top, right - left) == (height, width):
-        return Blend(image, filled)
-    whole, whole_filled = radiance.clone(), torch.zeros_like(radiance[:, :1], dtype=torch.bool)
-    whole[..., top:bottom, left:right] = image
-    whole_filled[..., top:bottom, left:right] = filled
-    return Blend(whole, whole_filled)
+    return _within(radiance, box, Blend(image, filled))
+
+
+def _within(radiance: Tensor, box: tuple[int, int, int, int], blend: Blend) -> Blend:
+    """The outcome for the whole image, from that for the box; elsewhere the input is copied."""
+    top, bottom, left, right = box
+    if (bottom - top, right - left) == tuple(radiance.shape[-2:]):
+        return blend
+    image, filled = radiance.clone(), torch.zeros_like(radiance[:, :1], dtype=torch.bool)
+    image[..., top:bottom, left:right] = blend.image
+    filled[..., top:bottom, left:right] = blend.filled
+    return Blend(image, filled)
 
 
 class _Guides(NamedTuple):

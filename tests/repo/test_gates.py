@@ -191,7 +191,7 @@ def test_pytest_refuses_unknown_marks_and_options(tmp_path):
 
 @needs_make
 def test_make_test_runs_every_gate_and_ends_with_pytest():
-    commands = call("make", "--dry-run", "test").stdout.splitlines()
+    commands = call("make", "--no-print-directory", "--dry-run", "test").stdout.splitlines()
     gates = ["ruff check", "ruff format --check", "mypy", "lint-imports", "-m pytest"]
     lines = [next(number for number, command in enumerate(commands) if gate in command) for gate in gates]
     assert lines == sorted(lines)

@@ -5,7 +5,7 @@ import ast
 import pytest
 from repository import ROOT, project_files, syntax
 
-FILE_LINES, FUNCTION_LINES = 400, 80
+FILE_LINES, TEST_FILE_LINES, FUNCTION_LINES = 400, 450, 80
 LARGER_FILES: dict[str, int] = {}
 LARGER_FUNCTIONS: dict[str, int] = {}
 
@@ -31,7 +31,7 @@ def test_sizes_are_measured():
 
 @pytest.mark.parametrize("file", SOURCES)
 def test_files(file):
-    limit = LARGER_FILES.get(file, FILE_LINES)
+    limit = LARGER_FILES.get(file, TEST_FILE_LINES if file.startswith("tests/") else FILE_LINES)
     assert len(SOURCES[file].read_text().splitlines()) <= limit
 
 
