@@ -122,16 +122,15 @@ def blend_taps(
     values = taps.radiance if guide is None else window(radiance)
 
     def crop(value: Sigma) -> Sigma:
-        shape = value.shape[-2:] if isinstance(value, Tensor) else ()
-        if not isinstance(value, Tensor) or not shape:
+        if not isinstance(value, Tensor) or value.dim() == 0:
             return value
         return value.to(radiance.dtype).expand(*value.shape[:-2], height, width)[..., top:bottom, left:right]
 
     inverse = [crop(sigma) ** -2 for sigma in (sigmas.radiance, step * sigmas.normal, sigmas.position)]
     if known is not None:
         inverse[0] = inverse[0] * crop((known != 0).to(radiance.dtype))
-    own = radiance if guide is None else guide
-    pixels = _Guides(*(t[..., top:bottom, left:right] for t in (own if centre is None else centre, normal, position)))
+    own = next(image for image in (centre, guide, radiance) if image is not None)
+    pixels = _Guides(*(tensor[..., top:bottom, left:right] for tensor in (own, normal, position)))
     kernel_rows = _kernel_rows(kernel)
 
     def blend_strip(start: int, stop: int) -> tuple[Tensor, Tensor]:
