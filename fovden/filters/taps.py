@@ -141,8 +141,8 @@ def blend_taps(
 
         here = _Guides(*(tensor[..., start:stop, :] for tensor in pixels))
         strip_inverse = [cut(value) for value in inverse]
-        total: Tensor | None = None
-        weighted: Tensor | None = None
+        total: Sigma = 0.0
+        weighted: Sigma = 0.0
         for i, y in rows.taps:
             for j, x in columns.taps:
                 place = (..., slice(y + start, y + stop), slice(x, x + right - left))
@@ -153,11 +153,9 @@ def blend_taps(
                 exponent = radiance_term + normal_term + position_term
                 weight = exponent.neg().clamp(min=SMALLEST_EXPONENT).exp() * (presence[place] * kernel_rows[i][j])
                 share = weight * values[place]
-                total = weight if total is None else total + weight
-                weighted = share if weighted is None else weighted + share
-        assert total is not None
-        assert weighted is not None
-        return total, weighted
+                total = total + weight
+                weighted = weighted + share
+        return torch.as_tensor(total), torch.as_tensor(weighted)
 
     strips = [blend_strip(start, stop) for start, stop in _strips(radiance.shape[0], bottom - top, right - left)]
     total = torch.cat([strip[0] for strip in strips], dim=-2)
