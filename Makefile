@@ -31,12 +31,13 @@ format: $(READY) ## rewrite the sources in the common format
 	@$(BIN)/ruff check --fix --quiet
 	@$(BIN)/ruff format
 
-notebooks: $(READY) ## make executed .ipynb files from notebooks/*.py
-	@$(BIN)/jupytext --quiet --to ipynb notebooks/*.py
-	@$(BIN)/jupyter-execute --inplace --kernel_name=python3 notebooks/*.ipynb
+notebooks: $(READY) ## write notebooks/*.ipynb from the scripts beside them, and executed copies to out/notebooks
+	@$(BIN)/jupytext --quiet --update --to ipynb notebooks/*.py
+	@mkdir -p out/notebooks && cp notebooks/*.ipynb out/notebooks
+	@$(BIN)/jupyter-execute --inplace --kernel_name=python3 out/notebooks/*.ipynb
 
 clean: ## remove results, caches and builds; .venv stays
-	@rm -rf build dist out .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis notebooks/*.ipynb
+	@rm -rf build dist out .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 	@find fovden tests experiments benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The project is installed in editable form, so that only a change of its requirements asks for another installation.

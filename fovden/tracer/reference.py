@@ -31,9 +31,9 @@ from fovden.tracer.scene import Scene
 
 __all__ = ["CheckpointError", "accumulate_reference"]
 
-PIXELS_PER_TILE = 256
-SECONDS_PER_PASS = 2.0  # a pass is what an interruption may cost, beyond the last checkpoint
-SECONDS_PER_CHECKPOINT = 15.0
+PIXELS_PER_TILE = 256  # at most
+SECONDS_PER_TILE = 0.2  # an interruption waits for the tiles that are being worked on
+SECONDS_PER_PASS = 15.0  # a pass is what an interruption costs; each pass traces the camera rays once more
 
 
 class CheckpointError(ValueError):
@@ -53,9 +53,10 @@ def accumulate_reference(
 ) -> Reference:
     """Returns the mean of many samples per pixel, and the variance of that mean.
 
-    With a checkpoint the sums are written there every quarter of a minute and at the end, atomically; a call that
-    finds the file continues it. A file with more samples than asked for is an error, since samples cannot be removed;
-    one with as many is returned at once, and one with fewer is continued, also beyond what it was first meant for.
+    With a checkpoint the sums are written there after each pass over the image, about every quarter of a minute,
+    atomically; a call that finds the file continues it. A file with more samples than asked for is an error, since
+    samples cannot be removed; one with as many is returned at once, and one with fewer is continued, also beyond what
+    it was first meant for.
 
     Args:
         scene: The scene.
@@ -99,8 +100,7 @@ def accumulate_reference(
         raise FileNotFoundError(f"checkpoint: expected an existing folder, got {path.parent}")
     pixels = shape[0] * shape[2] * shape[3]
     arguments = (*scene.kernel_arrays(lights), view_arrays(views))
-    saved_at = time.monotonic()
-    per_pass = 1
+    per_pass, tile = 1, PIXELS_PER_TILE
     with parallel.reporting(progress, pixels * spp, f"{scene.name}, {spp} spp", unit=" samples") as report:
         while sums.count < spp:
             first, last = sums.count, min(sums.count + per_pass, spp)
@@ -118,15 +118,17 @@ def accumulate_reference(
                     sums.total.numpy(),
                     sums.squares.numpy(),
                 ),
-                tile=PIXELS_PER_TILE,
+                tile=tile,
                 progress=lambda done, first=first, last=last: report(pixels * first + done * (last - first)),  # type: ignore[misc]
             )
             sums.count = last
-            now = time.monotonic()
-            if path is not None and (last == spp or now - saved_at > SECONDS_PER_CHECKPOINT):
+            if path is not None:
                 _save(path, sums, identity)
-                saved_at = now
-            per_pass = max(1, int((last - first) * SECONDS_PER_PASS / max(now - began, 1e-6)))
+            seconds_per_sample = max(time.monotonic() - began, 1e-6) / (last - first)
+            # At most doubled: the first passes are short, and say little about the speed of long ones.
+            per_pass = max(1, min(2 * per_pass, int(SECONDS_PER_PASS / seconds_per_sample)))
+            seconds_per_pixel = seconds_per_sample * per_pass * torch.get_num_threads() / pixels
+            tile = max(1, min(PIXELS_PER_TILE, int(SECONDS_PER_TILE / seconds_per_pixel)))
     mean = sums.total / spp
     spread = (sums.squares - sums.total * mean).clamp_min(0) / max(spp - 1, 1)
     return Reference(mean.float(), (spread / spp).float(), spp, views, seed)

@@ -196,9 +196,8 @@ def test_antialiased_references_average_over_the_pixel():
 
 @pytest.fixture
 def hasty(monkeypatch):
-    """Passes of one sample and a checkpoint after every one."""
+    """Passes of one sample, each with its checkpoint."""
     monkeypatch.setattr(module, "SECONDS_PER_PASS", 1e-9)
-    monkeypatch.setattr(module, "SECONDS_PER_CHECKPOINT", -1.0)
 
 
 def samples_in(path):
@@ -254,19 +253,20 @@ def test_an_interrupted_run_keeps_its_checkpoint_and_continues_to_the_same_bits(
     assert same_bits(reference_of(scene, 40, checkpoint=path), reference_of(scene, 40))
 
 
-def test_an_interruption_before_the_next_checkpoint_leaves_the_last_one(scene, tmp_path):
-    path = tmp_path / "sums"
-    reference_of(scene, 4, checkpoint=path)
-    before = path.read_bytes()
+def test_an_interruption_within_a_pass_leaves_the_checkpoint_of_the_one_before(scene, tmp_path, monkeypatch):
+    path, saved = tmp_path / "sums", []
 
     def interrupt(done):
-        if done > 6 * 128:
-            raise KeyboardInterrupt
+        raise KeyboardInterrupt
 
+    write = module._save
+    monkeypatch.setattr(module, "_save", lambda where, *rest: (write(where, *rest), saved.append(where.read_bytes())))
     with pytest.raises(KeyboardInterrupt):
         accumulate_reference(scene, camera_of(), spp=10**6, checkpoint=path, progress=interrupt)
-    assert path.read_bytes() == before
-    assert same_bits(reference_of(scene, 9, checkpoint=path), reference_of(scene, 9))
+    assert path.read_bytes() == saved[-1]
+    count = samples_in(path) + 5
+    monkeypatch.undo()
+    assert same_bits(reference_of(scene, count, checkpoint=path), reference_of(scene, count))
 
 
 ENDLESS = """
@@ -276,7 +276,7 @@ from fovden.camera import Gaze
 from fovden.foveation.sample_map import SampleMap
 from test_reference import camera_of, noisy_scene
 
-module.SECONDS_PER_PASS, module.SECONDS_PER_CHECKPOINT = 0.001, -1.0
+module.SECONDS_PER_PASS = 0.001
 module.accumulate_reference(noisy_scene(), camera_of(), spp=10**7, checkpoint=sys.argv[1], progress=None)
 """
 
