@@ -256,7 +256,7 @@ def test_an_interrupted_run_keeps_its_checkpoint_and_continues_to_the_same_bits(
 def test_an_interruption_within_a_pass_leaves_the_checkpoint_of_the_one_before(scene, tmp_path, monkeypatch):
     path, saved = tmp_path / "sums", []
 
-    def interrupt(done):
+    def interrupt(_):
         raise KeyboardInterrupt
 
     write = module._save
