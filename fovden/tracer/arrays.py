@@ -26,7 +26,11 @@ __all__ = ["LightChoice", "geometry_arrays", "light_table", "view_arrays"]
 
 LightChoice = Literal["uniform", "power"]
 """How a path chooses one of the lights: all alike, as in the 2019 and 2023 papers, or by their power. The mean is the
-same; by power it has less variance where lights differ."""
+same. By power it has less variance where lights differ and reach alike; more, where the strongest is mostly hidden."""
+
+DEFENSIVE_SHARE = 0.5
+"""Share of the choices by power that are made uniformly, so that a light's chance is never below half of the uniform
+one (defensive mixture, Hesterberg 1995). Power alone starves the lamp of a court whose sun falls on few places."""
 
 
 def geometry_arrays(scene: Scene) -> GeometryArrays:
@@ -117,6 +121,8 @@ def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
         weight = scale * luminance(colour.double()[None, :, :, None].transpose(1, 2))[0, 0, :, 0]
         weight = torch.where(weight.sum() > 0, weight, torch.ones_like(weight))
     pmf = weight / weight.sum()
+    if choice == "power":
+        pmf = (1 - DEFENSIVE_SHARE) * pmf + DEFENSIVE_SHARE / len(pmf)
     cdf = torch.cumsum(pmf, 0)
     return LightTable(
         kind=torch.cat([torch.tensor(kinds, dtype=torch.int32), torch.full((len(prim),), illumination.TRIANGLE)])

@@ -37,6 +37,11 @@ def test_the_table_lists_the_lights_then_the_emitting_triangles():
     assert table.pmf == pytest.approx(1 / 7)
 
 
+def by_power(powers):
+    """Chances half by power and half alike."""
+    return 0.5 * powers / powers.sum() + 0.5 / len(powers)
+
+
 def test_power_is_what_each_light_sends_into_the_scene():
     """Point 4 pi I; directional E and environment pi L, each over the disc of the bounding sphere; triangle pi A L."""
     lamp = rectangle((-1, 2, -1), (2, 0, 0), (0, 0, 3))
@@ -46,7 +51,7 @@ def test_power_is_what_each_light_sends_into_the_scene():
     triangle = math.pi * 3 * LUMINANCE @ (1, 2, 3)
     point, sky = 4 * math.pi * LUMINANCE @ (4, 5, 6), math.pi * disc * LUMINANCE @ (7, 8, 9)
     powers = np.array([point, disc * 3, sky, triangle, triangle])
-    np.testing.assert_allclose(table.pmf, powers / powers.sum(), rtol=1e-6)
+    np.testing.assert_allclose(table.pmf, by_power(powers), rtol=1e-6)
 
 
 def test_the_power_of_a_sky_image_weighs_rows_by_their_solid_angle():
@@ -145,7 +150,7 @@ def test_mean_and_variance_are_those_of_the_choice(lights):
     scene = scene_of([(FLOOR, matt(1))], [PointLight(*light) for light in POINTS])
     camera = view((0, 1.5, 1.5), (0, 0, 0), size=4)
     intensities = np.array([intensity for _, intensity in POINTS])
-    chances = intensities / intensities.sum() if lights == "power" else np.full(4, 0.25)
+    chances = by_power(intensities) if lights == "power" else np.full(4, 0.25)
     expected = contributions(camera)
     frames = [trace_frame(scene, camera, 256, seed=seed, lights=lights) for seed in range(32)]
     direct = np.concatenate([pixels(frame.direct) for frame in frames])
@@ -336,3 +341,18 @@ def test_the_extreme_random_numbers_give_directions_on_the_hemisphere():
         assert np.isfinite(out).all()
         np.testing.assert_allclose(np.linalg.norm(out, axis=1), 1, atol=1e-6)
         np.testing.assert_allclose(out[:2], np.stack([unit, unit]), atol=1e-6)
+
+
+def test_a_strong_light_that_is_hidden_does_not_starve_a_weak_one():
+    """Lamps of intensities 1 and 1000, the strong one behind a wall. A sample is c / p with chance p: its mean square
+    is c^2 / p, with p just above 1/4 by power and 1/2 alike. By power alone p would be 1/1001."""
+    wall = rectangle((-1, 1.9, -1), (2, 0, 0), (0, 0, 2))
+    lamps = [PointLight((0, 1, 0), 1), PointLight((0, 2, 0), 1000)]
+    scene = scene_of([(FLOOR, matt(1)), (wall, matt(0))], lamps)
+    camera = view((0, 0.5, 1.0), (0, 0, 0), size=8)
+    spread = {}
+    for lights in ("uniform", "power"):
+        frame = trace_frame(scene, camera, 1024, lights=lights)
+        mean = (frame.radiance * torch.from_numpy(LUMINANCE).float().reshape(1, 3, 1, 1)).sum(1, keepdim=True)
+        spread[lights] = float((frame.luminance_squared - mean**2).mean())
+    assert spread["power"] < 4 * spread["uniform"]
