@@ -32,7 +32,7 @@ from fovden.tracer.scene import Scene
 __all__ = ["CheckpointError", "accumulate_reference"]
 
 PIXELS_PER_TILE = 256  # at most
-SECONDS_PER_TILE = 0.2  # an interruption waits for the tiles that are being worked on
+SECONDS_PER_TILE = 0.1  # an interruption waits for the tiles that are being worked on
 SECONDS_PER_PASS = 15.0  # a pass is what an interruption costs; each pass traces the camera rays once more
 
 
