@@ -1,8 +1,7 @@
 """The vector layer: LLVM vectors with Python's operators, for the few operations that decide the speed.
 
 Numba's loops over eight lanes do not become vector instructions inside a branchy traversal. Such operations are
-written as intrinsics on :class:`Lanes`, so that they read like their formulas. A product is fused into a sum only
-where :func:`fma` is written.
+written as intrinsics on :class:`Lanes`, so that they read like their formulas. No product is fused into a sum.
 
 Every intrinsic has a twin in plain Numba: its oracle in the tests, and its replacement where the environment variable
 ``FOVDEN_SIMD`` is ``0``.
@@ -21,7 +20,6 @@ from numba.extending import intrinsic
 __all__ = [
     "Lanes",
     "bits_of",
-    "fma",
     "load",
     "load_int32",
     "maximum",
@@ -121,19 +119,6 @@ class Lanes:
         """
         return self._emit("select", self, if_true, if_false)
 
-    def flip_sign(self, other: Lanes) -> Lanes:
-        """Returns the numbers with their sign changed wherever the other number is negative.
-
-        Example:
-            >>> _, one = sketch()
-            >>> one.flip_sign(one).width
-            8
-        """
-        integers = ir.VectorType(I32, self.width)
-        sign = self.builder.and_(self.builder.bitcast(other.value, integers), _repeated(integers, 0x80000000))
-        flipped = self.builder.xor(self.builder.bitcast(self.value, integers), sign)
-        return Lanes(self.builder, self.builder.bitcast(flipped, self.value.type))
-
     def bits(self) -> Value:
         """Returns a mask as an int32 scalar whose bit i is lane i.
 
@@ -169,22 +154,6 @@ def maximum(a: Lanes, b: Lanes) -> Lanes:
         8
     """
     return (a > b).select(a, b)
-
-
-def fma(a: Lanes, b: Lanes, c: Lanes) -> Lanes:
-    """Returns a b + c, with one rounding where the processor has such an instruction.
-
-    ``llvm.fma`` instead would be a library call per lane where it has not.
-
-    Example:
-        >>> _, one = sketch()
-        >>> fma(one, one, one).width
-        8
-    """
-    kind = a.value.type
-    signature = ir.FunctionType(kind, [kind] * 3)
-    function = cgutils.get_or_insert_function(a.builder.module, signature, f"llvm.fmuladd.v{a.width}f32")
-    return Lanes(a.builder, a.builder.call(function, [a.value, b.value, c.value]))
 
 
 def splat(builder: Builder, number: Value, width: int) -> Lanes:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +22,7 @@ from fovden import parallel
 from fovden.camera import Camera, StereoCamera
 from fovden.checks import require, require_integer
 from fovden.frame import Reference
+from fovden.io.files import atomic_write
 from fovden.rng import Stream
 from fovden.tracer.arrays import LightChoice, view_arrays
 from fovden.tracer.integrator import require_light
@@ -166,16 +166,9 @@ def _fingerprint(scene: Scene, views: Camera, jitter: bool, seed: int) -> str:
 
 
 def _save(path: Path, sums: _Sums, identity: str) -> None:
-    """Writes a checkpoint beside its place, then moves it there: the place always holds a whole one."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        metadata = {"count": str(sums.count), "identity": identity, "format": "fovden reference sums 1"}
+    metadata = {"count": str(sums.count), "identity": identity, "format": "fovden reference sums 1"}
+    with atomic_write(path) as temporary:
         save_file({"total": sums.total, "squares": sums.squares}, temporary, metadata=metadata)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _load(path: Path, identity: str, shape: tuple[int, ...]) -> _Sums:
