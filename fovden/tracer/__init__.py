@@ -14,13 +14,16 @@ from fovden.tracer.procedural import make_scene
 from fovden.tracer.reference import CheckpointError, accumulate_reference
 from fovden.tracer.scene import Scene
 from fovden.tracer.scene_file import SceneFileError
+from fovden.tracer.trajectory import CameraPath, Keyframe
 
 __all__ = [
     "Bvh",
+    "CameraPath",
     "CheckpointError",
     "DirectionalLight",
     "EnvironmentLight",
     "Hits",
+    "Keyframe",
     "Material",
     "Materials",
     "PointLight",

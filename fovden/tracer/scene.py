@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -16,6 +17,7 @@ from fovden.tracer.arrays import LightChoice, geometry_arrays, light_table
 from fovden.tracer.bvh import Bvh, Hits, build_bvh, intersect, occluded
 from fovden.tracer.lights import Light
 from fovden.tracer.materials import Materials
+from fovden.tracer.trajectory import CameraPath
 
 __all__ = ["Scene"]
 
@@ -34,6 +36,8 @@ class Scene:
         uv: Texture coordinates per vertex, shape (n, 2); (0, 0) is the image's lower left corner.
         lights: Point, directional and environment lights; emissive triangles are lights by themselves.
         camera: A view that shows the scene well, or ``None``.
+        views: Other views worth seeing, by name.
+        path: A walk through the scene, or ``None``.
         name: For messages, files and tables.
 
     Example:
@@ -52,6 +56,8 @@ class Scene:
     uv: Tensor | None = None
     lights: tuple[Light, ...] = ()
     camera: StereoCamera | None = None
+    views: Mapping[str, StereoCamera] = field(default_factory=dict)
+    path: CameraPath | None = None
     name: str = field(default="scene")
 
     def __post_init__(self) -> None:
@@ -74,6 +80,7 @@ class Scene:
         object.__setattr__(self, "faces", self.faces.to(torch.int32).contiguous())
         object.__setattr__(self, "material_ids", self.material_ids.to(torch.int32).contiguous())
         object.__setattr__(self, "lights", tuple(self.lights))
+        object.__setattr__(self, "views", MappingProxyType(dict(self.views)))
 
     @property
     def triangle_count(self) -> int:
@@ -153,6 +160,33 @@ class Scene:
             tensor([False])
         """
         return occluded(self.bvh, origins, directions, t_max)
+
+    def view(self, name: str | None = None) -> StereoCamera:
+        """Returns the scene's camera, or one of its other views.
+
+        Args:
+            name: Name of one of ``views``; ``None`` for ``camera``.
+
+        Returns:
+            The camera.
+
+        Raises:
+            ValueError: If there is no such view, or no camera.
+
+        Example:
+            >>> from fovden.tracer import make_scene
+            >>> make_scene("cornell_box").view("kitchen")
+            Traceback (most recent call last):
+            ...
+            ValueError: name: expected one of (the scene has no other views), got kitchen
+        """
+        if name is not None:
+            names = ", ".join(self.views) or "(the scene has no other views)"
+            require(name in self.views, "name", name, f"one of {names}")
+            return self.views[name]
+        if self.camera is None:
+            raise ValueError(f"camera: expected a scene with a camera of its own, got {self.name} without one")
+        return self.camera
 
     def with_lights(self, lights: Sequence[Light]) -> Scene:
         """Returns the scene with other lights; geometry, and its acceleration structure if built, are shared.

@@ -5,9 +5,10 @@ import pytest
 import torch
 from procedural_scenes import face_normals
 
-from fovden.tracer.procedural import arcade, furnishings, orders, textures
+from fovden.tracer.procedural.atrium import arcade, furnishings, orders
 from fovden.tracer.procedural.patch import Patch, join
 from fovden.tracer.procedural.primitives import box, bridge, grid, lathe, mitred, quad, ring_corners, tube
+from fovden.tracer.procedural.textures import cloth, stone, wood
 
 
 def volume(patch: Patch) -> float:
@@ -178,12 +179,12 @@ def test_every_texture_repeats_without_a_seam():
     """The step across an image's border is no larger than four times the usual step between its rows or columns."""
     rng = np.random.default_rng(0)
     images = {
-        "marble": textures.marble(rng, (0.8, 0.75, 0.7), (0.5, 0.4, 0.4)),
-        "plaster": textures.plaster(rng, (0.8, 0.75, 0.7), (0.5, 0.4, 0.4)),
-        "terracotta": textures.terracotta(rng, (0.7, 0.5, 0.4)),
-        "cloth": textures.cloth(rng, (0.5, 0.1, 0.1), (0.8, 0.6, 0.3)),
-        "wood": textures.wood(rng, (0.6, 0.45, 0.3), (0.4, 0.3, 0.2)),
-        "ashlar": textures.ashlar(rng, (0.7, 0.66, 0.56), (0.5, 0.47, 0.4)),
+        "marble": stone.marble(rng, (0.8, 0.75, 0.7), (0.5, 0.4, 0.4)),
+        "plaster": stone.plaster(rng, (0.8, 0.75, 0.7), (0.5, 0.4, 0.4)),
+        "terracotta": stone.terracotta(rng, (0.7, 0.5, 0.4)),
+        "cloth": cloth.damask(rng, (0.5, 0.1, 0.1), (0.8, 0.6, 0.3)),
+        "wood": wood.planks(rng, (0.6, 0.45, 0.3), (0.4, 0.3, 0.2)),
+        "ashlar": stone.ashlar(rng, (0.7, 0.66, 0.56), (0.5, 0.47, 0.4)),
     }
     for name, image in images.items():
         assert image.dtype == torch.uint8

@@ -1,4 +1,4 @@
-"""Scenes made in code, so that nothing needs to be downloaded: the atrium and a Cornell box."""
+"""Scenes made in code, so that nothing needs to be downloaded."""
 
 from __future__ import annotations
 
@@ -6,29 +6,36 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from fovden.checks import require, require_integer
-from fovden.tracer.procedural.atrium import atrium
-from fovden.tracer.procedural.cornell_box import cornell_box
+from fovden.tracer.procedural import atrium, cornell_box
 from fovden.tracer.scene import Scene
 
-__all__ = ["SCENES", "atrium", "cornell_box", "make_scene"]
-
-SCENES: Mapping[str, Callable[..., Scene]] = MappingProxyType({"atrium": atrium, "cornell_box": cornell_box})
-"""The scenes by name; each is a function of ``seed`` alone."""
+__all__ = ["SCENES", "make_scene"]
 
 
-def make_scene(name: str, *, seed: int = 0) -> Scene:
+SCENES: Mapping[str, Callable[..., Scene]] = MappingProxyType(
+    {
+        "atrium": atrium.atrium,
+        "cornell_box": cornell_box.cornell_box,
+    }
+)
+"""The scenes by name; each is a function of ``seed`` and ``detail``."""
+
+
+def make_scene(name: str, *, seed: int = 0, detail: int | None = None) -> Scene:
     """Returns a scene made in code.
 
     Args:
-        name: ``"atrium"``, a colonnaded court with 262,267 triangles, a sun and a point light; or ``"cornell_box"``,
+        name: ``"atrium"``, a colonnaded court with 262,267 triangles, a sun and a point light; ``"cornell_box"``,
             38 triangles, two of them the lamp.
         seed: For what is irregular in the scene, from 0; the same seed makes the same scene.
+        detail: Number of triangles, from 10^3 to 10^7, met exactly; ``None`` for the scene's own. Fewer make curved
+            things coarser and leave small things out, more make them finer and let more grow.
 
     Returns:
-        The scene with its lights and its camera.
+        The scene with its lights, its camera, other views and a path of 1000 frames.
 
     Raises:
-        ValueError: If there is no scene of that name.
+        ValueError: If there is no scene of that name, or it cannot have that many triangles.
 
     Example:
         >>> make_scene("cornell_box").triangle_count
@@ -40,4 +47,4 @@ def make_scene(name: str, *, seed: int = 0) -> Scene:
     """
     require(name in SCENES, "name", name, f"one of {', '.join(SCENES)}")
     require_integer("seed", seed, minimum=0)
-    return SCENES[name](seed=seed)
+    return SCENES[name](seed=seed, detail=detail)

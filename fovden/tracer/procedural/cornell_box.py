@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fovden.camera import StereoCamera
+from fovden.checks import require
 from fovden.tracer.materials import Material
 from fovden.tracer.procedural.mesh_builder import MeshBuilder, Surface
 from fovden.tracer.procedural.patch import Patch, join
@@ -22,7 +23,7 @@ TALL_BLOCK = (330.0, [(423.0, 247.0), (265.0, 296.0), (314.0, 456.0), (472.0, 40
 LIGHT = [(343.0, 227.0), (343.0, 332.0), (213.0, 332.0), (213.0, 227.0)]
 
 
-def cornell_box(*, seed: int = 0) -> Scene:
+def cornell_box(*, seed: int = 0, detail: int | None = None) -> Scene:
     """Returns the Cornell box: five walls, two blocks and an area light set flush into the ceiling.
 
     The light fills a hole of its own shape in the ceiling, as in the measured box, so nothing is coincident; the
@@ -30,6 +31,7 @@ def cornell_box(*, seed: int = 0) -> Scene:
 
     Args:
         seed: Ignored: nothing here is random.
+        detail: Must be ``None``: the box has the triangles that it has.
 
     Returns:
         The scene. Seen from its camera the red wall is on the left and the green one on the right.
@@ -44,6 +46,7 @@ def cornell_box(*, seed: int = 0) -> Scene:
         38
     """
     del seed
+    require(detail is None, "detail", detail, "None, as the Cornell box has 38 triangles and no other number")
     builder = MeshBuilder(
         {
             "white": Surface(Material("white", (0.725, 0.71, 0.68))),

@@ -14,6 +14,7 @@ from fovden.tracer.lights import Light
 from fovden.tracer.materials import Material, Materials
 from fovden.tracer.procedural.patch import Patch, join
 from fovden.tracer.scene import Scene
+from fovden.tracer.trajectory import CameraPath
 
 __all__ = ["MeshBuilder", "Surface"]
 
@@ -80,7 +81,15 @@ class MeshBuilder:
             self._patches.append(replace(patch, uv=patch.uv / tile))
             self._material_ids.append(number)
 
-    def scene(self, *, name: str, camera: StereoCamera, lights: Sequence[Light] = ()) -> Scene:
+    def scene(
+        self,
+        *,
+        name: str,
+        camera: StereoCamera,
+        lights: Sequence[Light] = (),
+        views: Mapping[str, StereoCamera] | None = None,
+        path: CameraPath | None = None,
+    ) -> Scene:
         """Returns the scene of everything added, in the order in which it was added.
 
         Example:
@@ -102,5 +111,7 @@ class MeshBuilder:
             uv=torch.from_numpy(mesh.uv.astype(np.float32)),
             lights=tuple(lights),
             camera=camera,
+            views=views or {},
+            path=path,
             name=name,
         )

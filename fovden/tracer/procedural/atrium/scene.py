@@ -20,11 +20,9 @@ from torch import Tensor
 from fovden.camera import StereoCamera
 from fovden.tracer.lights import DirectionalLight, PointLight
 from fovden.tracer.materials import Material
-from fovden.tracer.procedural import furnishings, textures
-from fovden.tracer.procedural.court import court
-from fovden.tracer.procedural.mesh_builder import MeshBuilder, Surface
-from fovden.tracer.procedural.patch import Patch, join
-from fovden.tracer.procedural.plan import (
+from fovden.tracer.procedural.atrium import furnishings
+from fovden.tracer.procedural.atrium.court import court
+from fovden.tracer.procedural.atrium.plan import (
     BAY,
     HALF_WALL,
     HALF_X,
@@ -37,7 +35,10 @@ from fovden.tracer.procedural.plan import (
     UPPER_FLOOR,
     bay_middles,
 )
+from fovden.tracer.procedural.mesh_builder import MeshBuilder, Surface
+from fovden.tracer.procedural.patch import Patch, join
 from fovden.tracer.procedural.primitives import tube
+from fovden.tracer.procedural.textures import cloth, plants, stone, wood
 from fovden.tracer.scene import Scene
 
 __all__ = ["TRIANGLES", "atrium"]
@@ -60,7 +61,7 @@ STEM_POINTS = 7
 """Points along a strand."""
 
 
-def atrium(*, seed: int = 0) -> Scene:
+def atrium(*, seed: int = 0, detail: int | None = None) -> Scene:
     """Returns the atrium, the library's default scene: 262,267 triangles, a sun and one point light.
 
     The sun is the directional light; a point light above the fountain reaches the shaded galleries. The camera stands
@@ -69,6 +70,7 @@ def atrium(*, seed: int = 0) -> Scene:
     Args:
         seed: For what is irregular: the textures, the folds of the cloths and the growth of the plants. The
             architecture, the lights and the number of triangles are the same for every seed.
+        detail: Number of triangles, from 10^3 to 10^7; ``None`` for 262,267.
 
     Returns:
         The scene, within 33 m by 12 m by 13 m, with textures and smooth normals where surfaces are curved.
@@ -101,21 +103,21 @@ def _surfaces(rng: np.random.Generator) -> dict[str, Surface]:
     grounds = [(0.58, 0.17, 0.16), (0.23, 0.33, 0.55), (0.26, 0.44, 0.28), (0.74, 0.53, 0.26)]
     figures = [gold, (0.72, 0.72, 0.66), gold, (0.55, 0.24, 0.16)]
     cloths = [
-        textured(name, textures.cloth(rng, ground, figure), 0.5)
+        textured(name, cloth.damask(rng, ground, figure), 0.5)
         for name, ground, figure in zip(CLOTHS, grounds, figures, strict=True)
     ]
     surfaces = [
-        textured("ashlar", textures.ashlar(rng, (0.75, 0.69, 0.58), (0.57, 0.52, 0.44)), 1.6),
-        textured("plaster", textures.plaster(rng, (0.85, 0.80, 0.70), (0.72, 0.62, 0.50)), 3.0),
-        textured("trim", textures.marble(rng, (0.80, 0.75, 0.66), (0.68, 0.61, 0.52)), 1.3),
-        textured("column marble", textures.marble(rng, (0.82, 0.78, 0.71), (0.58, 0.50, 0.45)), 1.1),
-        textured("pale slab", textures.marble(rng, (0.79, 0.75, 0.67), (0.60, 0.55, 0.50)), 1.7),
-        textured("dark slab", textures.marble(rng, (0.60, 0.48, 0.43), (0.76, 0.69, 0.62)), 1.9),
-        textured("inlaid slab", textures.inlay(rng, (0.79, 0.75, 0.67), (0.62, 0.36, 0.28), (0.45, 0.47, 0.45)), 0.8),
-        textured("oak", textures.wood(rng, (0.68, 0.54, 0.39), (0.53, 0.39, 0.27)), 0.8),
-        textured("terracotta", textures.terracotta(rng, (0.75, 0.50, 0.38)), 0.6),
-        textured("ivy", textures.leaf(rng, (0.40, 0.55, 0.26), (0.60, 0.68, 0.42)), 1.0),
-        textured("agave", textures.leaf(rng, (0.50, 0.62, 0.44), (0.66, 0.72, 0.52)), 1.0),
+        textured("ashlar", stone.ashlar(rng, (0.75, 0.69, 0.58), (0.57, 0.52, 0.44)), 1.6),
+        textured("plaster", stone.plaster(rng, (0.85, 0.80, 0.70), (0.72, 0.62, 0.50)), 3.0),
+        textured("trim", stone.marble(rng, (0.80, 0.75, 0.66), (0.68, 0.61, 0.52)), 1.3),
+        textured("column marble", stone.marble(rng, (0.82, 0.78, 0.71), (0.58, 0.50, 0.45)), 1.1),
+        textured("pale slab", stone.marble(rng, (0.79, 0.75, 0.67), (0.60, 0.55, 0.50)), 1.7),
+        textured("dark slab", stone.marble(rng, (0.60, 0.48, 0.43), (0.76, 0.69, 0.62)), 1.9),
+        textured("inlaid slab", stone.inlay(rng, (0.79, 0.75, 0.67), (0.62, 0.36, 0.28), (0.45, 0.47, 0.45)), 0.8),
+        textured("oak", wood.planks(rng, (0.68, 0.54, 0.39), (0.53, 0.39, 0.27)), 0.8),
+        textured("terracotta", stone.terracotta(rng, (0.75, 0.50, 0.38)), 0.6),
+        textured("ivy", plants.leaf(rng, (0.40, 0.55, 0.26), (0.60, 0.68, 0.42)), 1.0),
+        textured("agave", plants.leaf(rng, (0.50, 0.62, 0.44), (0.66, 0.72, 0.52)), 1.0),
         Surface(Material("stem", (0.22, 0.16, 0.09))),
         Surface(Material("earth", (0.20, 0.14, 0.10))),
         Surface(Material("bronze", (0.34, 0.25, 0.13))),

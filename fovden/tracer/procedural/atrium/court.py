@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fovden.tracer.procedural import arcade, carvings, coverings, furnishings, orders
-from fovden.tracer.procedural.patch import Array, Patch, join
-from fovden.tracer.procedural.plan import (
+from fovden.tracer.procedural.atrium import arcade, carvings, coverings, furnishings, orders
+from fovden.tracer.procedural.atrium.plan import (
     ARCH,
     ARCHITRAVE,
     BAY,
@@ -40,6 +39,7 @@ from fovden.tracer.procedural.plan import (
     bay_middles,
     spread,
 )
+from fovden.tracer.procedural.patch import Array, Patch, join
 from fovden.tracer.procedural.primitives import box, bridge, lathe, mitred, quad, ring_corners, tube
 
 __all__ = ["court"]

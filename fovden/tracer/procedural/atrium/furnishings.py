@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fovden.tracer.procedural.orders import bead, hollow
+from fovden.tracer.procedural.atrium.orders import bead, hollow
 from fovden.tracer.procedural.patch import Array, Patch, join
 from fovden.tracer.procedural.primitives import arc_lengths, grid, lathe, mitred, ring_corners, tube
 

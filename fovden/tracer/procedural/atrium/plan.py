@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fovden.tracer.procedural.arcade import ArchShape
-from fovden.tracer.procedural.orders import ColumnOrder
+from fovden.tracer.procedural.atrium.arcade import ArchShape
+from fovden.tracer.procedural.atrium.orders import ColumnOrder
 from fovden.tracer.procedural.patch import Array
 
 __all__ = [
