@@ -161,7 +161,7 @@ def relative_mse(
 def smape(image: Tensor, reference: Tensor, weight: Tensor | None = None) -> Tensor:
     """Returns the symmetric mean absolute percentage error of each view, as a fraction from 0 to 1.
 
-    Mean of |image - reference| / (|image| + |reference| + 0.01).
+    Mean of ``|image - reference| / (|image| + |reference| + 0.01)``.
 
     Args:
         image: Linear radiance to judge, shape (v, c, h, w).

@@ -15,14 +15,24 @@ from torch import Tensor
 from fovden import color
 from fovden.checks import ShapeError, require, require_finite, require_shapes
 from fovden.frame import Reference
+from fovden.metrics.flip_ldr import PIXELS_PER_DEGREE, flip_map
 from fovden.metrics.image import MARGIN, psnr, relative_mse, rmse, smape, ssim_map, weighted_mean
 
 __all__ = ["Comparison", "Score", "compare"]
 
-DISPLAY_METRICS = ("rmse", "psnr", "ssim")
+DISPLAY_METRICS = ("rmse", "psnr", "ssim", "flip")
 LINEAR_METRICS = ("rmse_linear", "relative_mse", "smape")
-FORMATS = {"rmse": ".4f", "psnr": ".2f", "ssim": ".4f", "rmse_linear": ".4g", "relative_mse": ".4g", "smape": ".4f"}
-COLUMNS = ("method", "view", "region", "metric", "value", "encoding", "exposure", "peak", "noise_subtracted")
+FORMATS = {
+    "rmse": ".4f",
+    "psnr": ".2f",
+    "ssim": ".4f",
+    "flip": ".4f",
+    "rmse_linear": ".4g",
+    "relative_mse": ".4g",
+    "smape": ".4f",
+}
+CONDITIONS = ("encoding", "exposure", "peak", "noise_subtracted", "pixels_per_degree")
+COLUMNS = ("method", "view", "region", "metric", "value", *CONDITIONS)
 
 
 class Score(NamedTuple):
@@ -55,10 +65,11 @@ class Comparison:
 
     Attributes:
         scores: Every number, in long form.
-        exposure: Scale from radiance to the display, for the display metrics (``rmse``, ``psnr``, ``ssim``).
+        exposure: Scale from radiance to the display, for the display metrics (``rmse``, ``psnr``, ``ssim``, ``flip``).
         peak: Largest display value; the encoding is sRGB, clamped.
         reference_noise: Root mean square of the reference's standard error, or ``None`` where unknown.
         noise_subtracted: Whether the reference's variance was subtracted in ``rmse_linear`` and ``relative_mse``.
+        pixels_per_degree: Pixels per degree of visual angle, for ``flip``.
 
     Example:
         >>> comparison = compare({"black": torch.zeros(1, 3, 16, 16)}, torch.ones(1, 3, 16, 16))
@@ -71,6 +82,7 @@ class Comparison:
     peak: float = 1.0
     reference_noise: float | None = None
     noise_subtracted: bool = False
+    pixels_per_degree: float = PIXELS_PER_DEGREE
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -117,9 +129,10 @@ class Comparison:
         return math.fsum(wanted) / len(wanted)
 
     def to_csv(self, path: str | Path) -> None:
-        """Writes one row per score, with its encoding, exposure, peak and whether noise was subtracted.
+        """Writes one row per score, with the conditions under which it holds.
 
-        Fields that do not apply to a metric are empty: exposure and peak of an HDR metric, for example.
+        Those are its encoding, exposure and peak, whether noise was subtracted, and the pixels per degree. Fields that
+        do not apply to a metric are empty: exposure and peak of an HDR metric, for example.
 
         Args:
             path: File to write; its folder must exist.
@@ -130,7 +143,7 @@ class Comparison:
             >>> with tempfile.TemporaryDirectory() as folder:
             ...     comparison.to_csv(Path(folder) / "metrics.csv")
             ...     print((Path(folder) / "metrics.csv").read_text().splitlines()[1])
-            black,0,whole,rmse,1.0,srgb,1.0,1.0,
+            black,0,whole,rmse,1.0,srgb,1.0,1.0,,
         """
         with Path(path).open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
@@ -140,8 +153,8 @@ class Comparison:
 
     def _conditions(self, metric: str) -> tuple[object, ...]:
         if metric in DISPLAY_METRICS:
-            return "srgb", self.exposure, self.peak, ""
-        return "linear", "", "", "" if metric == "smape" else str(self.noise_subtracted).lower()
+            return "srgb", self.exposure, self.peak, "", self.pixels_per_degree if metric == "flip" else ""
+        return "linear", "", "", "" if metric == "smape" else str(self.noise_subtracted).lower(), ""
 
     def __str__(self) -> str:
         lines = [("region", "method", *self.metrics)]
@@ -169,6 +182,8 @@ class Comparison:
             f"{mean}{', '.join(DISPLAY_METRICS)}: exposure {self.exposure:.4g}, sRGB, peak {self.peak:g}. "
             f"{', '.join(LINEAR_METRICS)}: linear radiance."
         )
+        if "flip" in self.metrics:
+            table.append(f"flip: {self.pixels_per_degree:.4g} pixels per degree; lower is better.")
         if self.reference_noise is not None:
             treated = "subtracted from" if self.noise_subtracted else "left in"
             table.append(f"Noise of the reference: {self.reference_noise:.4g} (RMS), {treated} the linear MSE.")
@@ -182,12 +197,13 @@ def compare(
     exposure: float | None = None,
     *,
     subtract_noise: bool = True,
+    pixels_per_degree: float = PIXELS_PER_DEGREE,
 ) -> Comparison:
     """Returns the scores of images against a reference, in every view, over the whole image and in each layer.
 
-    Display metrics (``rmse``, ``psnr``, ``ssim``) share one exposure, that of the reference, so that no image is judged
-    by a brightness of its own; then come the sRGB curve and the clamp, and the peak is 1. HDR metrics (``rmse_linear``,
-    ``relative_mse``, ``smape``) judge linear radiance.
+    Display metrics (``rmse``, ``psnr``, ``ssim``, ``flip``) share one exposure, that of the reference, so that no image
+    is judged by a brightness of its own; then come the sRGB curve and the clamp, and the peak is 1. HDR metrics
+    (``rmse_linear``, ``relative_mse``, ``smape``) judge linear radiance.
 
     Args:
         images: Linear radiance by the method's name, shape (v, 3, h, w) each; finite, h and w at least 11.
@@ -197,6 +213,8 @@ def compare(
         exposure: Scale from radiance to the display; ``None`` means :func:`fovden.color.exposure` of the reference.
         subtract_noise: Whether the reference's variance, if it is known, is subtracted from the squared errors of the
             HDR metrics.
+        pixels_per_degree: Pixels per degree of visual angle for ``flip``, at least 1. The default is that of FLIP's
+            authors, a viewer at a monitor; a headset has its own, :attr:`fovden.foveation.Display.pixels_per_degree`.
 
     Returns:
         The comparison: print it, or write it with :meth:`Comparison.to_csv`.
@@ -208,10 +226,11 @@ def compare(
     Example:
         >>> truth = torch.linspace(0, 1, 16).expand(2, 3, 16, 16)
         >>> print(compare({"noisy": truth + 0.1, "exact": truth}, truth, exposure=1.0))
-        region  method    rmse   psnr    ssim  rmse_linear  relative_mse   smape
-        whole   noisy   0.1150  18.79  0.9874          0.1        0.1695  0.1735
-                exact   0.0000    inf  1.0000            0             0  0.0000
-        Mean of 2 views. rmse, psnr, ssim: exposure 1, sRGB, peak 1. rmse_linear, relative_mse, smape: linear radiance.
+        region  method    rmse   psnr    ssim    flip  rmse_linear  relative_mse   smape
+        whole   noisy   0.1150  18.79  0.9874  0.2616          0.1        0.1695  0.1735
+                exact   0.0000    inf  1.0000  0.0000            0             0  0.0000
+        Mean of 2 views. rmse, psnr, ssim, flip: exposure 1, sRGB, peak 1. rmse_linear, relative_mse, smape: linear
+        radiance. flip: 67.02 pixels per degree; lower is better.
     """
     require(len(images) > 0, "images", dict(images), "at least one image")
     truth = (reference.mean if isinstance(reference, Reference) else reference).detach()
@@ -230,12 +249,14 @@ def compare(
         image = radiance.detach()
         shown = color.display(image, exposure)
         similarity = ssim_map(shown, shown_truth)
+        difference = flip_map(shown, shown_truth, pixels_per_degree=pixels_per_degree)
         for region, weight in regions.items():
             inner = None if weight is None else weight[..., MARGIN:-MARGIN, MARGIN:-MARGIN]
             values = {
                 "rmse": rmse(shown, shown_truth, weight),
                 "psnr": psnr(shown, shown_truth, weight),
                 "ssim": weighted_mean(similarity, inner),
+                "flip": weighted_mean(difference, weight),
                 "rmse_linear": rmse(image, truth, weight, noise=noise),
                 "relative_mse": relative_mse(image, truth, weight, noise=noise),
                 "smape": smape(image, truth, weight),
@@ -251,6 +272,7 @@ def compare(
         exposure=float(exposure),
         reference_noise=None if variance is None else float(variance.mean(dtype=torch.float64).sqrt()),
         noise_subtracted=noise is not None,
+        pixels_per_degree=float(pixels_per_degree),
     )
 
 

@@ -12,7 +12,7 @@ from fovden.frame import Reference
 from fovden.metrics import Comparison, compare
 
 SHAPE = (2, 3, 24, 30)
-METRICS = ("rmse", "psnr", "ssim", "rmse_linear", "relative_mse", "smape")
+METRICS = ("rmse", "psnr", "ssim", "flip", "rmse_linear", "relative_mse", "smape")
 
 
 def scene(seed: int = 0) -> tuple[dict[str, torch.Tensor], Reference]:
@@ -45,6 +45,7 @@ def test_scores_are_those_of_the_metrics():
             "rmse": metrics.rmse(shown, truth),
             "psnr": metrics.psnr(shown, truth),
             "ssim": metrics.ssim(shown, truth),
+            "flip": metrics.flip(shown, truth),
             "rmse_linear": metrics.rmse(image, reference.mean, noise=reference.variance),
             "relative_mse": metrics.relative_mse(image, reference.mean, noise=reference.variance),
             "smape": metrics.smape(image, reference.mean),
@@ -67,8 +68,9 @@ def test_layers_are_regions_of_their_own():
     expected = metrics.smape(left, reference.mean[:1, ..., 10:20])
     assert found.value("noisy", "smape", "layer 1", view=0) == pytest.approx(float(expected), rel=1e-5)
     shown = [color.display(image, found.exposure) for image in (images["noisy"], reference.mean)]
-    expected = metrics.ssim(*shown, (layer == 1).float())
-    assert found.value("noisy", "ssim", "layer 1", view=0) == pytest.approx(float(expected[0]), rel=1e-5)
+    for name in ("ssim", "flip"):
+        expected = getattr(metrics, name)(*shown, (layer == 1).float())
+        assert found.value("noisy", name, "layer 1", view=0) == pytest.approx(float(expected[0]), rel=1e-5)
 
 
 def test_a_layer_that_a_view_does_not_have_has_no_score_there():
@@ -103,7 +105,7 @@ def test_noise_of_the_reference_is_subtracted_unless_asked_not_to():
             - without.value("filtered", "rmse_linear", view=view) ** 2
         )
         assert difference == pytest.approx(0.01, rel=1e-3)
-    for metric in ("rmse", "psnr", "ssim", "smape"):
+    for metric in ("rmse", "psnr", "ssim", "flip", "smape"):
         assert without.value("filtered", metric) == with_noise.value("filtered", metric)
 
 
@@ -123,6 +125,16 @@ def test_exposure_may_be_given():
     assert found.value("noisy", "psnr", view=1) == pytest.approx(float(metrics.psnr(*shown)[1]), rel=1e-6)
 
 
+def test_pixels_per_degree_may_be_given():
+    images, reference = scene()
+    found = compare(images, reference, pixels_per_degree=9.0)
+    shown = [color.display(image, found.exposure) for image in (images["noisy"], reference.mean)]
+    expected = metrics.flip(*shown, pixels_per_degree=9.0)
+    assert found.value("noisy", "flip", view=1) == pytest.approx(float(expected[1]), rel=1e-6)
+    assert found.value("noisy", "flip") > 1.1 * compare(images, reference).value("noisy", "flip")
+    assert "flip: 9 pixels per degree" in str(found)
+
+
 def test_exposure_does_not_depend_on_the_images():
     images, reference = scene()
     brighter = {name: 10 * image for name, image in images.items()}
@@ -132,7 +144,7 @@ def test_exposure_does_not_depend_on_the_images():
 def test_unit_of_radiance_does_not_matter_to_display_metrics():
     images, reference = scene()
     scaled = compare({name: 1000 * image for name, image in images.items()}, 1000 * reference.mean)
-    for metric in ("rmse", "psnr", "ssim"):
+    for metric in ("rmse", "psnr", "ssim", "flip"):
         assert scaled.value("noisy", metric) == pytest.approx(
             compare(images, reference.mean).value("noisy", metric), rel=1e-4
         )
@@ -153,11 +165,12 @@ def test_csv_holds_every_score_and_its_conditions(tmp_path):
     found.to_csv(tmp_path / "metrics.csv")
     with (tmp_path / "metrics.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(found.scores) == 2 * 6 * (4 + 2)
+    assert len(rows) == len(found.scores) == 2 * 7 * (4 + 2)
     for row in rows:
         value = found.value(row["method"], row["metric"], row["region"], int(row["view"]))
         assert float(row["value"]) == value
-        if row["metric"] in METRICS[:3]:
+        assert row["pixels_per_degree"] == (str(found.pixels_per_degree) if row["metric"] == "flip" else "")
+        if row["metric"] in METRICS[:4]:
             assert (row["encoding"], float(row["exposure"]), float(row["peak"])) == ("srgb", found.exposure, 1.0)
             assert row["noise_subtracted"] == ""
         else:
@@ -174,7 +187,14 @@ def test_printed_table_is_aligned_and_states_its_conditions():
     assert len({len(line) for line in table}) == 1
     assert f"{found.value('filtered', 'psnr', 'layer 2'):.2f}" in table[-1]
     assert [line[:8].strip() for line in table[1:]] == ["whole", "", "layer 0", "", "layer 1", "", "layer 2", ""]
-    for words in ("Mean of 2 views", f"exposure {found.exposure:.4g}", "sRGB", "peak 1", "subtracted from"):
+    for words in (
+        "Mean of 2 views",
+        f"exposure {found.exposure:.4g}",
+        "sRGB",
+        "peak 1",
+        "67.02 pixels per degree",
+        "subtracted from",
+    ):
         assert words in notes
     assert "left in" in str(compare(images, reference, subtract_noise=False))
 
@@ -184,7 +204,7 @@ def test_printed_table_shows_what_is_missing():
     other = [score for score in scores if score.metric != "ssim"]
     partial = Comparison((*other, scores[2]._replace(method="b")), exposure=1.0)
     rows = [line.split() for line in str(partial).splitlines()]
-    assert rows[2][1:] == ["-"] * 5 + ["1.0000"]
+    assert rows[2][1:] == ["-"] * 6 + ["1.0000"]
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
