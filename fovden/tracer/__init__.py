@@ -5,6 +5,7 @@ on any number of threads.
 """
 
 from fovden.tracer.bvh import Bvh, Hits, build_bvh, intersect, occluded
+from fovden.tracer.formats.scene_file import SceneFileError
 from fovden.tracer.gbuffer import trace_gbuffer
 from fovden.tracer.integrator import trace_frame
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, PointLight
@@ -13,7 +14,6 @@ from fovden.tracer.meshes import load_scene
 from fovden.tracer.procedural import make_scene
 from fovden.tracer.reference import CheckpointError, accumulate_reference
 from fovden.tracer.scene import Scene
-from fovden.tracer.scene_file import SceneFileError
 from fovden.tracer.trajectory import CameraPath, Keyframe
 
 __all__ = [

@@ -16,12 +16,12 @@ import numpy.typing as npt
 import torch
 
 from fovden.camera import StereoCamera
-from fovden.tracer.gltf import gltf_parts, read_gltf_header
+from fovden.tracer.formats.gltf import gltf_parts, read_gltf_header
+from fovden.tracer.formats.obj import read_obj
+from fovden.tracer.formats.scene_file import DEFAULT_ALBEDO, Floats, Integers, SceneFileError, SceneParts, fans
 from fovden.tracer.lights import Light
 from fovden.tracer.materials import Material, Materials
-from fovden.tracer.obj import read_obj
 from fovden.tracer.scene import Scene
-from fovden.tracer.scene_file import DEFAULT_ALBEDO, Floats, Integers, SceneFileError, SceneParts, fans
 
 __all__ = ["SceneFileError", "load_scene"]
 
@@ -39,10 +39,10 @@ def load_scene(
     Every triangle of the file is kept, those of zero area too, in the file's order. Lengths are taken as metres and
     y as up. What each format gives:
 
-    - OBJ: reflectance ``Kd`` times ``map_Kd``, emission ``Ke``; :func:`fovden.tracer.obj.read_obj` says how the
-      scene's vertices follow from the file's, and :class:`fovden.tracer.mtl.MtlMaterial` what is ignored.
-    - glTF and GLB: base colour, emission, point and directional lights and the first camera;
-      :func:`fovden.tracer.gltf.gltf_parts` says how they are translated.
+    - OBJ: reflectance ``Kd`` times ``map_Kd``, emission ``Ke``; :func:`fovden.tracer.formats.obj.read_obj` says how
+      the scene's vertices follow from the file's, and :class:`fovden.tracer.formats.mtl.MtlMaterial` what is ignored.
+    - glTF and GLB: base colour, emission, point and directional lights, the first camera and further views;
+      :func:`fovden.tracer.formats.gltf.gltf_parts` says how they are translated.
     - PLY: positions, normals and polygons, which become fans around their first corner; one material, grey with
       ``DEFAULT_ALBEDO``. Colours and images are ignored. Polygons of a binary file must all have as many corners.
 
@@ -108,6 +108,7 @@ def load_scene(
             uv=_texture_coordinates(path, parts, faces, ids, materials),
             lights=(*parts.lights, *lights),
             camera=camera if camera is not None else parts.camera,
+            views=parts.views,
             name=path.stem if name is None else name,
         )
 

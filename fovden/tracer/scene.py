@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -13,10 +14,14 @@ from torch import Tensor
 
 from fovden.camera import StereoCamera
 from fovden.checks import ShapeError, require, require_finite, require_shapes
+from fovden.io.files import FilePath
+from fovden.preview import never_raising
 from fovden.tracer.arrays import LightChoice, geometry_arrays, light_table
 from fovden.tracer.bvh import Bvh, Hits, build_bvh, intersect, occluded
+from fovden.tracer.formats import write_gltf, write_obj
 from fovden.tracer.lights import Light
 from fovden.tracer.materials import Materials
+from fovden.tracer.scene_card import scene_card
 from fovden.tracer.trajectory import CameraPath
 
 __all__ = ["Scene"]
@@ -25,6 +30,8 @@ __all__ = ["Scene"]
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Triangles with materials, and the lights around them. Immutable: derive changed copies with ``with_*``.
+
+    :meth:`export` takes it to other renderers, :func:`fovden.tracer.load_scene` brings one in.
 
     Attributes:
         vertices: Positions in metres, float32, shape (n, 3).
@@ -178,11 +185,11 @@ class Scene:
             >>> make_scene("cornell_box").view("kitchen")
             Traceback (most recent call last):
             ...
-            ValueError: name: expected one of (the scene has no other views), got kitchen
+            ValueError: view: expected one of (the scene has no other views), got kitchen
         """
         if name is not None:
             names = ", ".join(self.views) or "(the scene has no other views)"
-            require(name in self.views, "name", name, f"one of {names}")
+            require(name in self.views, "view", name, f"one of {names}")
             return self.views[name]
         if self.camera is None:
             raise ValueError(f"camera: expected a scene with a camera of its own, got {self.name} without one")
@@ -201,6 +208,48 @@ class Scene:
             if name in self.__dict__:
                 changed.__dict__[name] = self.__dict__[name]
         return changed
+
+    def export(self, path: FilePath) -> list[Path]:
+        """Writes geometry, materials, lights and cameras to files that other renderers read.
+
+        Triangles are sorted by material and otherwise keep their order. Lengths are metres, y is up, radiometric
+        quantities are those of :mod:`fovden.tracer.lights`, without a factor. The camera path is left out.
+
+        - ``.glb``: glTF 2.0 in one file, cameras as the view midway between the eyes;
+          :func:`fovden.tracer.formats.gltf_writer.write_gltf`. :func:`fovden.tracer.load_scene` gives the scene back.
+        - ``.gltf``: the same in two files, the second named ``*.bin``.
+        - ``.obj``: Wavefront OBJ with a material library, PNG images, and a JSON file with cameras and lights;
+          :func:`fovden.tracer.formats.obj_writer.write_obj`.
+
+        Args:
+            path: The file; its folder must exist. Other files are named after it and lie beside it.
+
+        Returns:
+            The files that were written, the one of ``path`` last.
+
+        Raises:
+            ValueError: If the name ends otherwise, or the scene has two environment lights.
+            OSError: If a file cannot be written.
+
+        Warns:
+            UserWarning: If the scene has an environment light, for which glTF has no place but the scene's extras.
+
+        Example:
+            >>> import tempfile
+            >>> from fovden.tracer import load_scene, make_scene
+            >>> with tempfile.TemporaryDirectory() as folder:
+            ...     files = make_scene("cornell_box").export(Path(folder, "box.glb"))
+            ...     load_scene(files[-1]).materials.names
+            ('white', 'green', 'red', 'light')
+        """
+        path = Path(path)
+        writers = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj}
+        require(path.suffix.lower() in writers, "path", path, f"a name that ends in {', '.join(writers)}")
+        return writers[path.suffix.lower()](path, self)
+
+    @never_raising
+    def _repr_html_(self) -> str:
+        return scene_card(self)
 
 
 def _require_indices(name: str, indices: Tensor, count: int) -> None:

@@ -14,9 +14,9 @@ import torch
 import trimesh
 from PIL import Image
 
+from fovden.tracer.formats.scene_file import SceneFileError
 from fovden.tracer.lights import DirectionalLight, PointLight
 from fovden.tracer.meshes import load_scene
-from fovden.tracer.scene_file import SceneFileError
 
 POSITIONS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=np.float32)
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
@@ -248,6 +248,23 @@ def test_the_first_perspective_camera_is_the_view(tmp_path):
     with pytest.warns(UserWarning, match="orthographic"):
         given = load_scene(tmp_path / "a.glb", camera=scene.camera.at((8, 8))).camera
     assert given.resolution == (8, 8)
+
+
+def test_further_cameras_are_views_by_name(tmp_path):
+    builder = Builder().primitive()
+    lens = {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}
+    builder.json["cameras"] = [lens, lens | {"extras": "of another program"}, lens | {"name": "lens"}]
+    nodes = [{"camera": 0}, {"camera": 1, "name": "door"}, {"camera": 2}, {"camera": 1, "name": "door"}, {"camera": 0}]
+    builder.json["nodes"] += [node | {"translation": [i, 0, 0]} for i, node in enumerate(nodes)]
+    builder.json["scenes"] = [{"nodes": list(range(6)), "extras": ["of another program"]}]
+    scene = load_scene(builder.glb(tmp_path / "a.glb"))
+    assert scene.camera.eye == (0, 0, 0)
+    assert {name: view.eye[0] for name, view in scene.views.items()} == {
+        "door": 1,
+        "lens": 2,
+        "door 3": 3,
+        "camera 4": 4,
+    }
 
 
 def test_what_is_left_out_warns(tmp_path):

@@ -12,9 +12,9 @@ import torch
 import trimesh
 
 from fovden.camera import StereoCamera
+from fovden.tracer.formats.scene_file import SceneFileError
 from fovden.tracer.lights import PointLight
 from fovden.tracer.meshes import load_scene
-from fovden.tracer.scene_file import SceneFileError
 
 TEXT_PLY = """ply
 format ascii 1.0

@@ -7,8 +7,8 @@ import pytest
 import torch
 from PIL import Image
 
+from fovden.tracer.formats.scene_file import SceneFileError, read_texture, texture_of
 from fovden.tracer.meshes import load_scene
-from fovden.tracer.scene_file import SceneFileError, read_texture, texture_of
 
 FACES = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
 

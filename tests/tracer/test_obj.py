@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from fovden.tracer.formats.scene_file import SceneFileError
 from fovden.tracer.meshes import load_scene
-from fovden.tracer.scene_file import SceneFileError
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 

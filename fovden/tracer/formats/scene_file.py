@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,7 @@ class SceneParts:
         uv: Texture coordinates, NaN where there is none, shape (n, 2).
         lights: Lights of the file.
         camera: View of the file.
+        views: Further views, by name.
 
     Example:
         >>> parts = SceneParts(np.eye(3), np.array([[0, 1, 2]]), np.array([0]), ("grey",),
@@ -61,6 +62,7 @@ class SceneParts:
     uv: Floats | None = None
     lights: tuple[Light, ...] = ()
     camera: StereoCamera | None = None
+    views: Mapping[str, StereoCamera] = field(default_factory=dict)
 
 
 def fans(sizes: Integers) -> tuple[Integers, Integers]:

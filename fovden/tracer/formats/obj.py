@@ -17,9 +17,17 @@ from pathlib import Path
 
 import numpy as np
 
+from fovden.tracer.formats.mtl import MtlMaterial, logical_lines, read_mtl, read_text
+from fovden.tracer.formats.scene_file import (
+    DEFAULT_ALBEDO,
+    Floats,
+    Integers,
+    SceneFileError,
+    SceneParts,
+    fans,
+    read_texture,
+)
 from fovden.tracer.materials import Material
-from fovden.tracer.mtl import MtlMaterial, logical_lines, read_mtl, read_text
-from fovden.tracer.scene_file import DEFAULT_ALBEDO, Floats, Integers, SceneFileError, SceneParts, fans, read_texture
 
 __all__ = ["read_obj"]
 

@@ -22,9 +22,11 @@ import numpy as np
 from torch import Tensor
 
 from fovden.camera import StereoCamera
-from fovden.tracer.lights import DirectionalLight, Light, PointLight
+from fovden.io.images import load_image
+from fovden.tracer.formats.gltf_nodes import camera_of, extras_of, light_of
+from fovden.tracer.formats.scene_file import Floats, Integers, SceneFileError, SceneParts, read_texture, texture_of
+from fovden.tracer.lights import EnvironmentLight, Light
 from fovden.tracer.materials import Material
-from fovden.tracer.scene_file import Floats, Integers, SceneFileError, SceneParts, read_texture, texture_of
 
 __all__ = ["gltf_parts", "read_gltf_header"]
 
@@ -88,8 +90,9 @@ def gltf_parts(path: Path, header: Json, meshes: Sequence[Mapping[str, Any]]) ->
     The base colour (factor exactly as written, times the texture) becomes the reflectance, and the emissive factor
     times ``emissiveStrength`` the emitted radiance. A primitive without material is white, the default of glTF 2.0
     (3.9.2). Metalness, roughness, normal maps, alpha, vertex colours, skins and animations are ignored.
-    ``KHR_lights_punctual`` is photometric, fovden radiometric: candela and lux are taken for W/sr and W/m^2 one to
-    one, and a light's range is ignored. The first perspective camera becomes the view.
+    :mod:`fovden.tracer.formats.gltf_nodes` says how lights and cameras are translated. The first perspective camera
+    becomes the scene's own, further ones its other views by their nodes' names; only what
+    :func:`fovden.tracer.formats.gltf_writer.write_gltf` wrote may say otherwise, and have an environment.
 
     Args:
         path: The file, for messages and for images beside it.
@@ -119,7 +122,7 @@ def gltf_parts(path: Path, header: Json, meshes: Sequence[Mapping[str, Any]]) ->
     chunks: list[tuple[Floats, Floats, Floats, Integers]] = []
     slots: list[int] = []
     lights: list[Light] = []
-    camera: StereoCamera | None = None
+    cameras: list[tuple[Json, Json, Floats]] = []
     first = 0
     for node, world in _nodes(path, header):
         for surface, material in surfaces[node["mesh"]] if "mesh" in node else ():
@@ -132,9 +135,10 @@ def gltf_parts(path: Path, header: Json, meshes: Sequence[Mapping[str, Any]]) ->
         extension = node.get("extensions", {}).get("KHR_lights_punctual")
         if extension is not None:
             light = header["extensions"]["KHR_lights_punctual"]["lights"][extension["light"]]
-            lights.extend(_light(path, light, world))
-        if "camera" in node and camera is None:
-            camera = _camera(path, header["cameras"][node["camera"]], world)
+            lights.extend(light_of(path, light, world))
+        if "camera" in node:
+            cameras.append((node, header["cameras"][node["camera"]], world))
+    camera, views = _views(path, cameras)
     materials = header.get("materials", [])
     if not chunks:
         raise SceneFileError(f"{path}: the scene is empty: no node has a mesh of triangles")
@@ -146,8 +150,9 @@ def gltf_parts(path: Path, header: Json, meshes: Sequence[Mapping[str, Any]]) ->
         material=_materials(path, header, pictures),
         normals=np.concatenate([chunk[1] for chunk in chunks]),
         uv=np.concatenate([chunk[2] for chunk in chunks]),
-        lights=tuple(lights),
+        lights=(*lights, *_environment(path, header)),
         camera=camera,
+        views=views,
     )
 
 
@@ -283,30 +288,32 @@ def _wound(world: Floats, faces: Integers) -> Integers:
     return faces[:, ::-1] if np.linalg.det(world[:3, :3]) < 0 else faces
 
 
-def _light(path: Path, light: Json, world: Floats) -> Iterator[Light]:
-    """The light of a node, if it is of a kind that fovden has."""
-    kind = light["type"]
-    red, green, blue = (float(light.get("intensity", 1.0)) * float(x) for x in light.get("color", [1, 1, 1]))
-    if kind == "point":
-        x, y, z = world[:3, 3].tolist()
-        yield PointLight((x, y, z), (red, green, blue))
-    elif kind == "directional":
-        x, y, z = (-world[:3, 2]).tolist()
-        yield DirectionalLight((x, y, z), (red, green, blue))
-    else:
-        warnings.warn(f"{path}: the {kind} light '{light.get('name', '')}' is left out", stacklevel=4)
+def _views(
+    path: Path, cameras: Sequence[tuple[Json, Json, Floats]]
+) -> tuple[StereoCamera | None, dict[str, StereoCamera]]:
+    """The scene's own camera, and the others by name; a number is added to a name that is taken."""
+    own: StereoCamera | None = None
+    views: dict[str, StereoCamera] = {}
+    for number, (node, entry, world) in enumerate(cameras):
+        camera = camera_of(path, entry, world)
+        if camera is None:
+            continue
+        if own is None and extras_of(entry).get("default", True):
+            own = camera
+        else:
+            name = str(node.get("name", entry.get("name", f"camera {number}")))
+            views[name if name not in views else f"{name} {number}"] = camera
+    return own, views
 
 
-def _camera(path: Path, camera: Json, world: Floats) -> StereoCamera | None:
-    """The view of a camera node: along -z, y up."""
-    if "perspective" not in camera:
-        warnings.warn(f"{path}: the {camera.get('type')} camera is left out", stacklevel=4)
-        return None
-    eye = world[:3, 3]
-    backward = world[:3, 2] / (np.linalg.norm(world[:3, 2]) or 1.0)
-    (x, y, z), (a, b, c), (u, v, w) = eye.tolist(), (eye - backward).tolist(), world[:3, 1].tolist()
-    fov_y_deg = math.degrees(camera["perspective"]["yfov"])
-    return StereoCamera.look_at((x, y, z), (a, b, c), (u, v, w), fov_y_deg=fov_y_deg)
+def _environment(path: Path, header: Json) -> Iterator[EnvironmentLight]:
+    """The environment light that :func:`fovden.tracer.formats.gltf_writer.write_gltf` put into the scene's extras."""
+    scenes = header.get("scenes", [])
+    found = extras_of(scenes[header.get("scene", 0)]).get("environment") if scenes else None
+    if found is not None and "radiance" in found:
+        yield EnvironmentLight(tuple(found["radiance"]))
+    elif found is not None:
+        yield EnvironmentLight(load_image(path.parent / found["file"])[0])
 
 
 def _materials(path: Path, header: Json, pictures: Mapping[int, Any]) -> Callable[[int], Material]:

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from torch import Tensor
 
+from fovden.tracer.formats.scene_file import DEFAULT_ALBEDO, SceneFileError
 from fovden.tracer.materials import Material
-from fovden.tracer.scene_file import DEFAULT_ALBEDO, SceneFileError
 
 __all__ = ["MtlMaterial", "logical_lines", "read_mtl"]
 
