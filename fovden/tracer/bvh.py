@@ -58,7 +58,7 @@ def build_bvh(vertices: Tensor, faces: Tensor) -> Bvh:
         ShapeError: If a shape differs.
         ValueError: If there is no triangle.
 
-    Source: binned surface area heuristic of Wald 2007; see :mod:`fovden.tracer.kernels.build`.
+    Source: binned surface area heuristic of Wald 2007; see ``fovden/tracer/kernels/build.py``.
 
     Example:
         >>> vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])

@@ -1,11 +1,15 @@
 """What the procedural scenes are made of: primitives against closed forms, parts against what they stand for."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 from procedural_scenes import face_normals
 
-from fovden.tracer.procedural.atrium import arcade, furnishings, orders
+from fovden.tracer.procedural.atrium import arcade, furnishings, orders, plan
+from fovden.tracer.procedural.atrium.court import court
+from fovden.tracer.procedural.detail import Detail, fitted
 from fovden.tracer.procedural.patch import Patch, join
 from fovden.tracer.procedural.primitives import box, bridge, grid, lathe, mitred, quad, ring_corners, tube
 from fovden.tracer.procedural.textures import cloth, stone, wood
@@ -169,7 +173,7 @@ def test_shaft_has_entasis(flutes):
 def test_ivy_leaves_hang_from_their_roots():
     roots = np.random.default_rng(0).standard_normal((50, 3))
     leaves = furnishings.ivy_leaves(roots, np.linspace(0, 6, 50), np.zeros(50), np.full(50, 0.1))
-    assert leaves.triangle_count == furnishings.LEAF_TRIANGLES * 50
+    assert leaves.triangle_count == furnishings.ivy_leaf_triangles() * 50
     np.testing.assert_array_equal(leaves.vertices[::6], roots)
     assert (leaves.vertices.reshape(50, 6, 3)[:, 3, 1] < roots[:, 1]).all()
     assert furnishings.ivy_bud((0, 0, 0), 0.0, 0.05).triangle_count == 1
@@ -200,3 +204,61 @@ def test_parts_are_joined_in_order():
     both = join([plate, plate.placed((0, 0, 4))])
     assert both.faces.tolist() == [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
     assert both.area == pytest.approx(2.0)
+
+
+FINENESS = [0.05, 0.25, 0.45, 1.0, 3.0]
+
+
+@pytest.mark.parametrize("fineness", FINENESS)
+def test_arch_wall_and_vault_share_their_edges_at_every_fineness(fineness):
+    """The wall above an arch begins where the arch ends, and fills the rest of its rectangle."""
+    shape = plan.arch_shape(Detail(fineness))
+    wall = arcade.spandrel(shape, 1.6, 1.6, 1.55)
+    outline = shape.curve(shape.outer, shape.thickness / 2)
+    sector = (np.sin(-np.diff(shape.angles)) * shape.outer**2 / 2).sum()
+    assert {tuple(p) for p in np.round(outline, 9)} <= {tuple(p) for p in np.round(wall.vertices, 9)}
+    assert wall.area == pytest.approx(3.2 * 1.55 - sector)
+    segments = plan.vault_segments(Detail(fineness))
+    vault = arcade.groin_vault((-1.38, 1.38), (0.0, 2.98), 1.5, segments)
+    edge = {tuple(p) for p in np.round(arcade.lunette(1.38, 1.38, 1.5, segments).vertices, 9) + 0.0}
+    assert edge <= {tuple(p) for p in np.round(vault.vertices, 9) + 0.0}
+
+
+@pytest.mark.parametrize("fineness", FINENESS)
+def test_columns_stand_from_floor_to_wall_at_every_fineness(fineness):
+    order = dataclasses.replace(plan.GROUND_ORDER, detail=Detail(fineness))
+    patch = orders.column(order)
+    assert patch.vertices[:, 1].min() == 0
+    assert patch.vertices[:, 1].max() == pytest.approx(order.height)
+    heights = np.linspace(0.02, order.height - 0.02, 40)
+    triangles = patch.vertices[patch.faces]
+    crossed = (triangles[:, None, :, 1].min(axis=2) < heights) & (triangles[:, None, :, 1].max(axis=2) > heights)
+    assert crossed.any(axis=0).all(), "no gap between the parts"
+
+
+def test_finer_means_more_triangles_and_one_is_as_drawn():
+    counts = [sum(patch.triangle_count for _, patch in court(Detail(f))) for f in (0.05, 0.12, 0.2, 0.5, 1.0, 2.0)]
+    assert counts == sorted(counts)
+    assert sum(patch.triangle_count for _, patch in court()) == counts[-2] == 210_888
+
+
+@pytest.mark.parametrize("segments", [4, 16, 24, 96])
+def test_curve_is_catmull_and_roms(segments):
+    """Against the basis matrix of Catmull and Rom's spline, its ends continued by parabolas."""
+    points = np.random.default_rng(0).standard_normal((9, 3))
+    found = Detail(segments / 8).curve(points)
+    before, after = (3 * (one - two) + three for one, two, three in (points[:3], points[:-4:-1]))
+    padded = np.concatenate([[before], points, [after]])
+    basis = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
+    for k, time in enumerate(np.linspace(0, 8, segments + 1)):
+        i = min(int(time), 7)
+        power = (time - i) ** np.arange(4)
+        np.testing.assert_allclose(found[k], power @ basis @ padded[i : i + 4], atol=1e-12)
+
+
+def test_fitting_finds_the_greatest_number_below():
+    """On steps of any size what is left over is less than the next step would take."""
+    made = fitted(lambda detail: 100 * detail.segments(50), int, 3_333, 5_000, most=1.0)
+    assert made == 3_300
+    with pytest.raises(ValueError, match="detail: expected more triangles than 1000"):
+        fitted(lambda detail: 2_000 + detail.segments(50), int, 1_000, 5_000)

@@ -13,9 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from fovden.checks import require_integer
 
-__all__ = ["FEWEST", "MOST", "Detail", "fitted", "require_detail"]
+__all__ = ["DRAWN", "FEWEST", "MOST", "Detail", "fitted", "require_detail"]
 
 FEWEST, MOST = 1_000, 10_000_000
 """Least and greatest number of triangles that a scene in code can be asked for."""
@@ -67,6 +70,55 @@ class Detail:
         """
         return self.fineness >= finest
 
+    def at_most(self, finest: float) -> Detail:
+        """Returns the same fineness, or another if that is less: for what is too small to be made ever finer.
+
+        Example:
+            >>> Detail(5.0).at_most(2.0), Detail(0.5).at_most(2.0)
+            (Detail(fineness=2.0), Detail(fineness=0.5))
+        """
+        return Detail(min(self.fineness, finest))
+
+    def curve(self, points: ArrayLike, least: int = 1) -> NDArray[np.float64]:
+        """Returns a smooth curve's points, as many as its fineness asks for where those given are right for 1.
+
+        The curve goes through the given points, as far apart in its parameter as one another, and keeps its ends:
+        Catmull and Rom's cubics, parabolas at both ends. A straight piece, of two points, stays one.
+
+        Args:
+            points: Points of the curve, shape (n, d) or (n).
+            least: Fewest segments of the result.
+
+        Returns:
+            The points, shape (m, d) or (m); those given if there are to be as many.
+
+        Example:
+            >>> Detail(2.0).curve([0.0, 1.0, 2.0, 3.0]).tolist()
+            [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+            >>> Detail(0.5).curve([(0, 0), (1, 1), (2, 0)]).tolist()
+            [[0.0, 0.0], [2.0, 0.0]]
+        """
+        given = np.asarray(points, dtype=np.float64)
+        drawn = len(given) - 1
+        segments = self.segments(drawn, least)
+        if drawn < 2 or segments == drawn:
+            return given
+        time = np.linspace(0, drawn, segments + 1)
+        i = np.minimum(time.astype(int), drawn - 1)
+        s = (time - i).reshape(-1, *[1] * (given.ndim - 1))
+        velocity = np.gradient(given, axis=0, edge_order=2)
+        held: NDArray[np.float64] = (
+            (1 + 2 * s) * (1 - s) ** 2 * given[i]
+            + s**2 * (3 - 2 * s) * given[i + 1]
+            + s * (1 - s) ** 2 * velocity[i]
+            - s**2 * (1 - s) * velocity[i + 1]
+        )
+        return held
+
+
+DRAWN = Detail()
+"""The scene as drawn."""
+
 
 def require_detail(detail: int | None, own: int) -> int:
     """Returns the number of triangles asked for, or the scene's own.
@@ -95,7 +147,7 @@ def fitted(
         count: Number of triangles of what was made.
         triangles: Number wanted.
         own: Number that the scene has as drawn; there it is made at fineness 1 if that leaves something over.
-        most: Share of the triangles that may be used; what uses between 0.85 of that and that ends the search.
+        most: Share of the triangles that may be used; what uses between 0.95 of that and that ends the search.
 
     Returns:
         What was made; it has at most ``most * triangles`` triangles.
@@ -105,7 +157,7 @@ def fitted(
 
     Example:
         >>> fitted(lambda detail: detail.segments(100, least=4) ** 2, int, triangles=2_500, own=10_000)
-        2209
+        2401
     """
     if triangles == own:
         made = make(Detail())
@@ -119,11 +171,11 @@ def fitted(
         used = count(made)
         if used <= most * triangles:
             best, low = made, fineness
-            if used >= 0.85 * most * triangles:
+            if used >= 0.95 * most * triangles:
                 break
         else:
             high = fineness
-        fineness *= math.sqrt(0.93 * most * triangles / max(used, 1))
+        fineness *= math.sqrt(0.98 * most * triangles / max(used, 1))
         if not low < fineness < high:
             fineness = (low + high) / 2 if high < math.inf else 2 * low
         if high - low < 1e-3 * high:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fovden.tracer.procedural.patch import Array, Patch, join
+from fovden.tracer.procedural.detail import DRAWN, Detail
+from fovden.tracer.procedural.patch import WELD, Array, Patch, join
 from fovden.tracer.procedural.primitives import box, bridge, grid, mitred, quad, ring_corners
 
 __all__ = [
@@ -40,6 +41,7 @@ class ArchShape:
         thickness: Of the wall.
         voussoirs: Number of stones; odd, so that one is the keystone.
         groove: Width and depth of the bevel along the joints.
+        detail: Fineness of the curve; below 0.5 there are no joints.
 
     Example:
         >>> ArchShape().voussoirs
@@ -51,20 +53,29 @@ class ArchShape:
     thickness: float = 0.44
     voussoirs: int = 11
     groove: float = 0.012
+    detail: Detail = DRAWN
 
     @property
     def angles(self) -> Array:
-        """Angles at which the arch has points, from the left springing (pi) to the right one (0): four per stone."""
+        """Angles at which the arch has points, from the left springing (pi) to the right one (0).
+
+        A stone has two bevels and an even number of segments between them, which is two as drawn.
+        """
+        if not self.detail.shows(0.5):
+            return np.linspace(np.pi, 0, 2 * self.detail.segments(2 * self.voussoirs, least=2) + 1)
         period = np.pi / self.voussoirs
         bevel = self.groove / self.radius
-        stone = np.array([0.0, bevel, period / 2, period - bevel])
+        face = np.linspace(bevel, period - bevel, 2 * self.detail.segments(1) + 1)
+        stone = np.concatenate([[0.0], face])
         return np.pi - np.append((period * np.arange(self.voussoirs)[:, None] + stone).reshape(-1), np.pi)
 
     @property
     def sunk(self) -> Array:
         """How deep the joints' bevel lies at each of the angles: the groove at a joint, 0 on a stone's face."""
-        sunk = np.zeros(4 * self.voussoirs + 1)
-        sunk[4:-1:4] = self.groove
+        sunk = np.zeros(len(self.angles))
+        if self.detail.shows(0.5):
+            period = len(sunk) // self.voussoirs
+            sunk[period:-1:period] = self.groove
         return sunk
 
     def curve(self, radius: float, z: Array | float, grooved: float = 0.0) -> Array:
@@ -112,6 +123,7 @@ def archivolt(shape: ArchShape) -> Patch:
     step = grid(np.stack([face, shape.curve(middle, half + 0.03)]))
     width = shape.outer - middle
     section = [(0.0, 0.03), (0.25, 0.055), (0.55, 0.055), (0.8, 0.025), (1.0, 0.0)]
+    section = shape.detail.at_most(3.0).curve(section, least=2).tolist()
     moulding = grid(np.stack([shape.curve(middle + width * w, half + z) for w, z in section]), smooth=True)
     return join([stones, step, moulding])
 
@@ -129,9 +141,8 @@ def spandrel(shape: ArchShape, left: float, right: float, top: float) -> Patch:
     z = shape.thickness / 2
     arc = shape.curve(shape.outer, z)
     crown = len(arc) // 2
-    start, end = np.array([(-left, 0, z)]), np.array([(right, 0, z)])
-    lower = np.concatenate([start, arc[: crown + 1]])
-    left_fan = bridge(lower, [(-left, top, z)])
+    start, end = (np.array([(x, 0, z)]) if abs(x) > shape.outer + WELD else np.empty((0, 3)) for x in (-left, right))
+    left_fan = bridge(np.concatenate([start, arc[: crown + 1]]), [(-left, top, z)])
     right_fan = bridge(np.concatenate([arc[crown:], end]), [(right, top, z)])
     cap = bridge([arc[crown]], [(-left, top, z), (right, top, z)])
     return join([left_fan, cap, right_fan])
@@ -260,7 +271,9 @@ def _panel(x0: float, x1: float, y0: float, y1: float, z: float = 0.0) -> Patch:
 
 
 def door_leaf(width: float, height: float, panels: Sequence[float]) -> Patch:
-    """Returns a door leaf: stiles and rails around raised panels. It is centred on x = 0, its face at z = 0.
+    """Returns a door leaf: stiles and rails around raised panels, or a plain board if there are none.
+
+    It is centred on x = 0, its face at z = 0.
 
     Args:
         width: Metres.
@@ -276,6 +289,8 @@ def door_leaf(width: float, height: float, panels: Sequence[float]) -> Patch:
     """
     stile = 0.14 * width
     half = width / 2
+    if not panels:
+        return _panel(-half, half, 0, height)
     inner = half - stile
     pieces = [_panel(-half, -inner, 0, height), _panel(inner, half, 0, height)]
     share = (height - stile * (len(panels) + 1)) * np.asarray(panels, float) / sum(panels)

@@ -1,6 +1,8 @@
 """The atrium's architecture: everything of stone, wood and tile, the same for every seed.
 
-Parts come as pairs of a surface's name and a patch in the world.
+Parts come as pairs of a surface's name and a patch in the world. From the coarsest to the finest there is one plan;
+what is too small for a fineness is left out or simpler, and where that would leave a hole the walls, floors and
+ceilings of :func:`_shell` close it.
 """
 
 from __future__ import annotations
@@ -9,13 +11,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fovden.tracer.procedural.atrium import arcade, carvings, coverings, furnishings, orders
+from fovden.tracer.procedural.atrium import arcade, coverings, furnishings, orders
 from fovden.tracer.procedural.atrium.plan import (
     ARCH,
     ARCHITRAVE,
+    BALUSTERS,
     BAY,
+    CAPITALS,
     CEILING,
+    COFFERS,
     EAVES,
     GROUND_ORDER,
     HALF_BAY,
@@ -26,223 +32,92 @@ from fovden.tracer.procedural.atrium.plan import (
     LONG,
     LONG_TURNS,
     LOWER_CORNICE,
+    MOULDINGS,
+    PAVING,
     PEDESTAL,
     QUARTER,
-    ROOF_SLOPE,
     SHORT,
     SHORT_TURNS,
     SPRINGING,
+    UPPER_COLUMN,
     UPPER_FLOOR,
     UPPER_ORDER,
     VAULT_RISE,
-    along,
+    VAULTS,
+    WINDOWS,
     bay_middles,
-    spread,
+    vault_segments,
 )
+from fovden.tracer.procedural.atrium.sides import side, skirting
+from fovden.tracer.procedural.detail import DRAWN, Detail
 from fovden.tracer.procedural.patch import Array, Patch, join
-from fovden.tracer.procedural.primitives import box, bridge, lathe, mitred, quad, ring_corners, tube
+from fovden.tracer.procedural.primitives import box, bridge, mitred, quad, ring_corners
 
 __all__ = ["court"]
 
-DOORS = {LONG: (1, 4, 6), SHORT: ()}
-"""Bays of the lower gallery that have a door, by the number of bays of the side."""
 
-
-def court() -> Iterator[tuple[str, Patch]]:
+def court(detail: Detail = DRAWN) -> Iterator[tuple[str, Patch]]:
     """Returns the court's parts, surface by surface: sides, corners, columns, cornices, floors and the fountain.
+
+    Args:
+        detail: Fineness; at 1 there are 210,888 triangles.
+
+    Returns:
+        Pairs of a surface's name and a patch.
 
     Example:
         >>> sorted({surface for surface, _ in court()})[:3]
         ['ashlar', 'bronze', 'column marble']
+        >>> sum(patch.triangle_count for _, patch in court(Detail(0.05))) < 950
+        True
     """
     for count, turns in ((LONG, LONG_TURNS), (SHORT, SHORT_TURNS)):
-        for surface, patch in _side(count):
+        for surface, patch in side(count, detail):
             yield surface, patch.placed(turns=turns)
-    yield from _corners()
-    yield from _columns()
-    yield from _loops()
-    yield from _floors()
-    yield from _fountain()
+    if detail.shows(VAULTS):
+        yield from _corners(detail)
+    yield from _shell(detail)
+    yield from _columns(detail)
+    yield from _loops(detail)
+    yield from _floors(detail)
+    yield from _fountain(detail)
 
 
-def _side(bays: int) -> Iterator[tuple[str, Patch]]:
-    """One side of the court in its own frame: the court in front of it, its arcade on z = -distance."""
-    distance = HALF_Z if bays == LONG else HALF_X
-    wall = -distance - BAY
-    x = bay_middles(bays)
-    nodes = bay_middles(bays + 1)
-    yield from _arcade(x, nodes, -distance)
-    yield from _gallery(bays, x, nodes, wall)
-    yield from _upper_storey(bays, x, -distance, wall)
-    yield from _roof(bays, -distance)
+def _shell(detail: Detail) -> Iterator[tuple[str, Patch]]:
+    """Plain walls, floors and ceilings where there are no finer ones yet, each all around the galleries."""
+    wall = ring_corners(HALF_X + BAY, HALF_Z + BAY)
+    arcade_back = ring_corners(HALF_X + HALF_WALL, HALF_Z + HALF_WALL)
+    deep = BAY - HALF_WALL
+    if not detail.shows(VAULTS):
+        vault = SPRINGING + VAULT_RISE
+        yield "ashlar", mitred([(0, 0), (0, vault)], wall, closed=True, outward=False)
+        yield "plaster", mitred([(0, vault), (deep, vault)], arcade_back, closed=True)
+    if not detail.shows(WINDOWS):
+        yield "plaster", mitred([(0, UPPER_FLOOR), (0, CEILING)], wall, closed=True, outward=False)
+    if not detail.shows(COFFERS):
+        yield "oak", mitred([(0, CEILING), (deep, CEILING)], arcade_back, closed=True)
+    if not detail.shows(PAVING):
+        reach = BAY + HALF_WALL
+        yield "pale slab", mitred([(0, UPPER_FLOOR), (-reach, UPPER_FLOOR)], wall, closed=True)
+        yield "pale slab", _level(HALF_X + BAY, HALF_Z + BAY)
+    if not detail.shows(BALUSTERS):
+        half, top = 0.14, UPPER_FLOOR + 0.86
+        parapet = [(half, UPPER_FLOOR), (half, top), (-half, top), (-half, UPPER_FLOOR)]
+        yield "ashlar", mitred(parapet, ring_corners(HALF_X, HALF_Z), closed=True, outward=False)
 
 
-def _arcade(x: Array, nodes: Array, z: float) -> Iterator[tuple[str, Patch]]:
-    """The arches towards the court and those across the gallery."""
-    last = len(x) - 1
-    fronts = []
-    for i, middle in enumerate(x):
-        left, right = (HALF_CELL if end else HALF_BAY for end in (i == 0, i == last))
-        fronts.append(arcade.spandrel(ARCH, left, right, LOWER_CORNICE - SPRINGING).placed((middle, SPRINGING, z)))
-    yield "ashlar", join(fronts)
-    back = arcade.crescent(ARCH, HALF_CELL, HALF_CELL, VAULT_RISE).placed(turns=np.pi)
-    yield "trim", join([arcade.intrados(ARCH), arcade.archivolt(ARCH)]).placed(along(x, SPRINGING, z))
-    yield "plaster", back.placed(along(x, SPRINGING, z))
-    faces = [
-        arcade.crescent(ARCH, HALF_CELL, HALF_BAY, VAULT_RISE),
-        arcade.crescent(ARCH, HALF_BAY, HALF_CELL, VAULT_RISE).placed(turns=np.pi),
-    ]
-    across = along(nodes, SPRINGING, z - HALF_BAY)
-    yield "trim", arcade.intrados(ARCH, both_fronts=False).placed(across, QUARTER)
-    yield "plaster", join(faces).placed(across, QUARTER)
-    inner = nodes[1:-1]
-    yield "trim", carvings.rosette(0.17).placed(along(inner, SPRINGING + 1.13, z + HALF_WALL))
+def _level(half_x: float, half_z: float) -> Patch:
+    return quad(*((x, 0.0, z) for x, z in ring_corners(half_x, half_z)))
 
 
-def _gallery(bays: int, x: Array, nodes: Array, wall: float) -> Iterator[tuple[str, Patch]]:
-    """Vaults, pilasters and the wall of the lower gallery."""
-    vault = arcade.groin_vault((-HALF_CELL, HALF_CELL), (0.0, BAY - HALF_WALL), VAULT_RISE)
-    yield "plaster", vault.placed(along(x, SPRINGING, wall))
-    pier = orders.pilaster(ARCH.thickness, HALF_BAY - ARCH.radius, SPRINGING)
-    yield "trim", pier.placed(along(nodes, 0.0, wall))
-    yield "plaster", arcade.lunette(HALF_CELL, HALF_CELL, VAULT_RISE).placed(along(x, SPRINGING, wall))
-    with_door = np.isin(np.arange(bays), DOORS[bays])
-    blank = quad((-HALF_CELL, 0, 0), (HALF_CELL, 0, 0), (HALF_CELL, SPRINGING, 0), (-HALF_CELL, SPRINGING, 0))
-    yield "ashlar", blank.placed(along(x[~with_door], 0.0, wall))
-    yield "trim", _skirting(HALF_CELL, HALF_CELL).placed(along(x[~with_door], 0.0, wall))
-    if with_door.any():
-        for surface, patch in _door():
-            yield surface, patch.placed(along(x[with_door], 0.0, wall))
-    if bays == SHORT:
-        for surface, patch in _wall_fountain():
-            yield surface, patch.placed(along(x, 0.0, wall))
-    else:
-        framed = along(x[~with_door], 1.75, wall)
-        yield "trim", _frame(1.6, 2.1).placed(framed)
-
-
-def _skirting(left: float, right: float) -> Patch:
-    return mitred([(0.04, 0.0), (0.04, 0.22), (0.025, 0.25), (0.0, 0.27)], [(-left, 0), (right, 0)])
-
-
-def _frame(width: float, height: float) -> Patch:
-    """A moulded frame on a wall, centred on the origin."""
-    section = [(0.10, 0.0), (0.10, 0.03), (0.07, 0.05), (0.03, 0.035), (0.0, 0.02), (0.0, 0.0)]
-    return mitred(section, ring_corners(width / 2, height / 2), closed=True).standing()
-
-
-def _door() -> Iterator[tuple[str, Patch]]:
-    half, tall, reveal = 0.7, 2.6, 0.25
-    yield "ashlar", arcade.wall_with_opening(HALF_CELL, HALF_CELL, SPRINGING, (-half, half, 0.0, tall), reveal)
-    section = [(0.16, 0.0), (0.16, 0.05), (0.12, 0.07), (0.05, 0.04), (0.0, 0.03), (0.0, 0.0)]
-    path = [(half, 0.0), (half, -tall), (-half, -tall), (-half, 0.0)]
-    yield "trim", mitred(section, path).standing()
-    hood = [
-        (-0.04, 0.0),
-        (0.0, 0.0),
-        (0.02, 0.06),
-        (0.13, 0.08),
-        (0.13, 0.14),
-        (0.17, 0.18),
-        (0.17, 0.20),
-        (-0.04, 0.24),
-    ]
-    path = [(-half - 0.2, 0.0), (-half - 0.2, 0.04), (half + 0.2, 0.04), (half + 0.2, 0.0)]
-    yield "trim", mitred(hood, path).placed((0, tall + 0.2, 0))
-    leaf = arcade.door_leaf(half - 0.01, tall, (1.0, 1.6, 0.7))
-    yield "oak", leaf.placed([(side * (half / 2 + 0.005), 0, -reveal) for side in (-1, 1)])
-    yield "oak", box((0.05, tall, 0.04), "-x +x +z").placed((0, 0, -reveal))
-    angle = np.linspace(0, 2 * np.pi, 13)
-    ring = tube(0.06 * np.stack([np.sin(angle), np.cos(angle) - 1, 0 * angle], axis=1), 0.009, 4)
-    boss = lathe([(0.03, 0.0), (0.022, 0.015), (0.0, 0.02)], 8).standing()
-    x = np.array([-0.075, 0.075])
-    yield "bronze", ring.placed(along(x, 1.25, 0.02 - reveal))
-    yield "bronze", boss.placed(along(x, 1.25, -reveal))
-
-
-def _wall_fountain() -> Iterator[tuple[str, Patch]]:
-    """A lion's head in a round frame over a basin."""
-    head, shell = 0.34, 0.5
-    surround = [
-        orders.bead(head + 0.09, 0.05, 0.0, 0.08, 6),
-        np.array([(head + 0.09, 0.08), (head + 0.06, 0.035), (head + 0.015, 0.03), (head + 0.01, 0.0)]),
-    ]
-    stone, water = carvings.basin(shell)
-    yield "trim", carvings.lion_head(head).placed((0, 1.95, 0))
-    yield "trim", join([lathe(piece, 28) for piece in surround]).standing().placed((0, 1.95, 0))
-    yield "column marble", stone.placed((0, 1.05, 0))
-    yield "water", water.placed((0, 1.05, 0))
-
-
-def _upper_storey(bays: int, x: Array, z: float, wall: float) -> Iterator[tuple[str, Patch]]:
-    """Balustrade, windows, pilasters and ceiling of the upper gallery."""
-    clear = HALF_BAY - 0.27
-    floor = UPPER_FLOOR
-    kerb = box((2 * clear, 0.12, 0.22), "+y -z +z")
-    half_rail = [(0.09, 0.0), (0.11, 0.03), (0.14, 0.05), (0.14, 0.10), (0.10, 0.14)]
-    rail = [*half_rail, *((-z, y) for z, y in reversed(half_rail)), half_rail[0]]
-    yield "trim", join([kerb, mitred(rail, [(-clear, 0), (clear, 0)]).placed((0, 0.74, 0))]).placed(along(x, floor, z))
-    count = 7
-    step = 2 * clear / count
-    between = (x[:, None] + spread(count, step)).reshape(-1)
-    yield "trim", orders.baluster(0.62, 0.072).placed(along(between, floor + 0.12, z))
-
-    cells = bay_middles(bays + 2)
-    tall = CEILING - floor
-    opening = (-0.5, 0.5, 0.8, 2.8)
-    walls = []
-    for i, middle in enumerate(cells):
-        left, right = (HALF_BAY - (0.0 if end else 0.2) for end in (i == 0, i == bays + 1))
-        walls.append(arcade.wall_with_opening(left, right, tall, opening, 0.14).placed((middle, floor, wall)))
-    yield "plaster", join(walls)
-    yield "trim", _frame(1.0, 2.0).placed(along(cells, floor + 1.8, wall))
-    shutters = arcade.louvres(0.496, 2.0, slats=15).placed([(-0.252, 0.8, -0.09), (0.252, 0.8, -0.09)])
-    bar = box((0.03, 2.0, 0.04), "-x +x +z").placed((0, 0.8, -0.085))
-    yield "oak", join([shutters, bar]).placed(along(cells, floor, wall))
-    yield "trim", orders.pilaster(0.4, 0.12, tall).placed(along((cells[1:] + cells[:-1]) / 2, floor, wall))
-
-    inside = z - HALF_WALL
-    half = 5 * BAY if bays == LONG else HALF_Z + HALF_WALL
-    columns, rows = (30, 3) if bays == LONG else (6, 3)
-    unit_x, unit_z = 2 * half / columns, (inside - wall) / rows
-    centre_x = spread(columns, unit_x)
-    centre_z = wall + unit_z * (np.arange(rows) + 0.5)
-    places = np.stack(np.broadcast_arrays(centre_x[:, None], CEILING, centre_z), axis=-1).reshape(-1, 3)
-    yield "oak", coverings.coffer(unit_x / 2, unit_z / 2).placed(places)
-
-
-def _roof(bays: int, z: float) -> Iterator[tuple[str, Patch]]:
-    """The roof's slope towards the court: a deck and lines of cover tiles."""
-    edge = z + HALF_WALL + 0.45
-    half = (HALF_X if bays == LONG else HALF_Z) - HALF_WALL - 0.45
-    run = edge - (z - BAY)
-    rise = ROOF_SLOPE * run
-    deck = quad(
-        (-half, EAVES, edge),
-        (half, EAVES, edge),
-        (half + run, EAVES + rise, edge - run),
-        (-half - run, EAVES + rise, edge - run),
-    )
-    yield "terracotta", deck
-    spacing = 0.44
-    count = int(2 * (half + run) / spacing)
-    x = spread(count, spacing)
-    begin = np.maximum(np.abs(x) + 0.4 * spacing - half, -0.06)
-    for length in np.unique(np.round(run - begin, 9)):
-        if length > 0.3:
-            chosen = np.isclose(run - begin, length)
-            start = run - length
-            line = coverings.roof_tiles(length, spacing, ROOF_SLOPE, course=1.3)
-            yield "terracotta", line.placed(along(x[chosen], EAVES + ROOF_SLOPE * start + 0.012, edge - start))
-
-
-def _corners() -> Iterator[tuple[str, Patch]]:
+def _corners(detail: Detail) -> Iterator[tuple[str, Patch]]:
     """The four vaulted corner cells of the lower gallery."""
     places = [
         (sx * (HALF_X + HALF_BAY), 0.0, sz * (HALF_Z + HALF_BAY)) for sx, sz in ((-1, -1), (-1, 1), (1, 1), (1, -1))
     ]
     turns = QUARTER * np.arange(4)
-    vault = arcade.groin_vault((-HALF_BAY, HALF_CELL), (-HALF_BAY, HALF_CELL), VAULT_RISE)
+    segments = vault_segments(detail)
+    vault = arcade.groin_vault((-HALF_BAY, HALF_CELL), (-HALF_BAY, HALF_CELL), VAULT_RISE, segments)
     yield "plaster", vault.placed((0, SPRINGING, 0)).placed(places, turns)
     for (left, right), offset, turn in (
         ((HALF_BAY, HALF_CELL), (0, 0, -HALF_BAY), 0.0),
@@ -250,8 +125,9 @@ def _corners() -> Iterator[tuple[str, Patch]]:
     ):
         blank = quad((-left, 0, 0), (right, 0, 0), (right, SPRINGING, 0), (-left, SPRINGING, 0))
         yield "ashlar", blank.placed(offset, turn).placed(places, turns)
-        yield "trim", _skirting(left, right).placed(offset, turn).placed(places, turns)
-        top = arcade.lunette(left, right, VAULT_RISE).placed((0, SPRINGING, 0))
+        if detail.shows(0.35):
+            yield "trim", skirting(left, right).placed(offset, turn).placed(places, turns)
+        top = arcade.lunette(left, right, VAULT_RISE, segments).placed((0, SPRINGING, 0))
         yield "plaster", top.placed(offset, turn).placed(places, turns)
 
 
@@ -262,57 +138,90 @@ def _court_nodes() -> Array:
     return np.array([*sides, (-HALF_X, 0.0), (HALF_X, 0.0)])
 
 
-def _columns() -> Iterator[tuple[str, Patch]]:
+def _columns(detail: Detail) -> Iterator[tuple[str, Patch]]:
     """Columns of both storeys, and the pedestals of the upper ones."""
     nodes = _court_nodes()
 
     def at(height: float) -> Array:
         return np.stack([nodes[:, 0], np.full(len(nodes), height), nodes[:, 1]], axis=1)
 
-    yield "column marble", orders.column(GROUND_ORDER).placed(at(0.0))
+    if detail.shows(CAPITALS):
+        yield "column marble", orders.column(replace(GROUND_ORDER, detail=detail)).placed(at(0.0))
+    else:
+        yield "trim", _piers(nodes)
+    order = replace(UPPER_ORDER, detail=detail)
+    turned = detail.shows(0.16)
+    base = UPPER_FLOOR
+    if detail.shows(BALUSTERS):
+        width = 1.38 * order.radius if detail.shows(0.2) else order.radius * (np.sqrt(0.5) if turned else 1.0)
+        yield "trim", _pedestal(width, detail).placed(at(base))
+        base += PEDESTAL
+    tall = UPPER_FLOOR + PEDESTAL + UPPER_COLUMN - base
+    post = box((2 * order.radius, tall, 2 * order.radius), "-x +x -z +z")
+    yield "column marble", (orders.column(order) if turned else post).placed(at(base))
+
+
+def _pedestal(carried: float, detail: Detail) -> Patch:
+    """A pedestal, and the rim of its top around what it carries, of half that width."""
     foot = [(0.04, 0.0), (0.04, 0.14), (0.0, 0.19)]
     die = [(0.0, 0.19), (0.0, 0.78)]
     cap = [(0.0, 0.78), (0.03, 0.82), (0.03, 0.86), (0.055, 0.89), (0.055, PEDESTAL)]
+    pieces = [foot, die, cap] if detail.shows(MOULDINGS) else [[(0.0, 0.0), (0.0, PEDESTAL)]]
     corners = ring_corners(0.27, 0.27)
-    pedestal = [mitred(piece, corners, closed=True) for piece in (foot, die, cap)]
-    pedestal.append(orders.rim(0.325, 1.38 * UPPER_ORDER.radius, PEDESTAL))
-    yield "trim", join(pedestal).placed(at(UPPER_FLOOR))
-    yield "column marble", orders.column(UPPER_ORDER).placed(at(UPPER_FLOOR + PEDESTAL))
+    top = orders.rim(0.27 + pieces[-1][-1][0], carried, PEDESTAL)
+    return join([*(mitred(piece, corners, closed=True) for piece in pieces), top])
 
 
-def _loops() -> Iterator[tuple[str, Patch]]:
+def _piers(nodes: Array) -> Patch:
+    """Square piers under the arches, flush with the wall; those at the corners stand out into the court."""
+    half = HALF_BAY - ARCH.radius
+    face = quad(
+        (-half, 0, HALF_WALL), (half, 0, HALF_WALL), (half, LOWER_CORNICE, HALF_WALL), (-half, LOWER_CORNICE, HALF_WALL)
+    )
+    pier = join([face, face.placed(turns=np.pi), box((2 * half, SPRINGING, ARCH.thickness), "-x +x")])
+    pieces = []
+    for x, z in nodes:
+        at_end, at_side = abs(x) > HALF_X - HALF_BAY, abs(z) > HALF_Z - HALF_BAY
+        if at_end and at_side:
+            size = half + HALF_WALL
+            corner = box((size, LOWER_CORNICE + 0.06, size), "-x +x -z +z")
+            inward = (half - HALF_WALL) / 2
+            pieces.append(corner.placed((x - np.sign(x) * inward, 0, z - np.sign(z) * inward)))
+        else:
+            pieces.append(pier.placed((x, 0, z), QUARTER if at_end else 0.0))
+    return join(pieces)
+
+
+def _loops(detail: Detail) -> Iterator[tuple[str, Patch]]:
     """Cornice and entablature, which run around the court."""
     corners = ring_corners(HALF_X - HALF_WALL, HALF_Z - HALF_WALL)
 
-    def around(section: list[tuple[float, float]], base: float, smooth: bool = False) -> Patch:
-        raised = [(offset, base + y) for offset, y in section]
+    def around(section: ArrayLike, base: float, smooth: bool = False) -> Patch:
+        raised = np.asarray(section, dtype=float) + np.array([0.0, base])
         return mitred(raised, corners, closed=True, outward=False, smooth=smooth)
 
-    ogee = [(0.0, 0.0), (0.012, 0.02), (0.035, 0.03), (0.06, 0.045), (0.07, 0.07)]
     floor = UPPER_FLOOR - LOWER_CORNICE
+    back = [(-ARCH.thickness, CEILING - ARCHITRAVE), (-ARCH.thickness, 0.0), (0.0, 0.0)]
+    if not detail.shows(MOULDINGS):
+        yield "trim", around([(0.0, 0.0), (0.34, 0.1), (0.34, floor), (0.0, floor)], LOWER_CORNICE)
+        yield "trim", around([*back, (0.0, EAVES - ARCHITRAVE)], ARCHITRAVE)
+        return
+    ogee = detail.curve([(0.0, 0.0), (0.012, 0.02), (0.035, 0.03), (0.06, 0.045), (0.07, 0.07)], least=2)
     yield (
         "trim",
         around([(0.0, 0.0), (0.03, 0.02), (0.05, 0.05), (0.05, 0.15), (0.27, 0.15), (0.27, 0.25)], LOWER_CORNICE),
     )
-    yield "trim", around([(0.27 + o, 0.25 + y) for o, y in ogee], LOWER_CORNICE, smooth=True)
+    yield "trim", around(ogee + np.array([0.27, 0.25]), LOWER_CORNICE, smooth=True)
     yield "trim", around([(0.34, 0.32), (0.34, floor), (0.0, floor)], LOWER_CORNICE)
 
-    beam = [(-ARCH.thickness, CEILING - ARCHITRAVE), (-ARCH.thickness, 0.0), (0.0, 0.0), (0.0, 0.14), (0.02, 0.14)]
-    beam += [
-        (0.02, 0.29),
-        (0.04, 0.31),
-        (0.05, 0.36),
-        (0.0, 0.36),
-        (0.0, 0.64),
-        (0.05, 0.70),
-        (0.05, 0.82),
-        (0.34, 0.82),
-    ]
-    beam += [(0.34, 0.93)]
+    beam = [*back, (0.0, 0.14), (0.02, 0.14), (0.02, 0.29), (0.04, 0.31), (0.05, 0.36), (0.0, 0.36), (0.0, 0.64)]
+    beam += [(0.05, 0.70), (0.05, 0.82), (0.34, 0.82), (0.34, 0.93)]
     yield "trim", around(beam, ARCHITRAVE)
-    yield "trim", around([(0.34 + o, 0.93 + y) for o, y in ogee], ARCHITRAVE, smooth=True)
+    yield "trim", around(ogee + np.array([0.34, 0.93]), ARCHITRAVE, smooth=True)
     yield "trim", around([(0.41, 1.0), (0.41, EAVES - ARCHITRAVE - 0.017)], ARCHITRAVE)
 
+    if not detail.shows(0.5):
+        return
     for base, tall, depth in ((LOWER_CORNICE + 0.06, 0.09, 0.09), (ARCHITRAVE + 0.71, 0.11, 0.11)):
         for bays, turns in ((LONG, LONG_TURNS), (SHORT, SHORT_TURNS)):
             half = bays * HALF_BAY - HALF_WALL - 0.05 - depth
@@ -321,10 +230,13 @@ def _loops() -> Iterator[tuple[str, Patch]]:
             yield "trim", row.placed((0, base, face)).placed(turns=turns)
 
 
-def _floors() -> Iterator[tuple[str, Patch]]:
+def _floors(detail: Detail) -> Iterator[tuple[str, Patch]]:
     """Paving of the ground in a pattern of three stones, and of the upper gallery."""
-    step = BAY / 4
-    columns, rows = 4 * (LONG + 2), 4 * (SHORT + 2)
+    if not detail.shows(PAVING):
+        return
+    block = 2 if detail.shows(0.5) else 1
+    step = BAY / (2 * block)
+    columns, rows = 2 * block * (LONG + 2), 2 * block * (SHORT + 2)
     i, j = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
     x, z = step * (i - (columns - 1) / 2), step * (j - (rows - 1) / 2)
     court = (np.abs(x) < HALF_X) & (np.abs(z) < HALF_Z)
@@ -332,7 +244,7 @@ def _floors() -> Iterator[tuple[str, Patch]]:
     inlaid = court & (np.abs(z) < step) & (i % 2 == j % 2)
     border = (np.abs(np.abs(x) - HALF_X) < step) & (np.abs(z) < HALF_Z + step)
     border |= (np.abs(np.abs(z) - HALF_Z) < step) & (np.abs(x) < HALF_X + step)
-    dark = np.where(court, (i // 2 + j // 2) % 2 == 0, (i + j) % 2 == 0) | border
+    dark = np.where(court, (i // block + j // block) % 2 == 0, (i + j) % 2 == 0) | border
     slab = coverings.paving((step, step))
     for surface, chosen in (
         ("inlaid slab", inlaid),
@@ -356,11 +268,13 @@ def _floors() -> Iterator[tuple[str, Patch]]:
         yield "pale slab", coverings.paving((unit_x, unit_z)).placed(places)
 
 
-def _fountain() -> Iterator[tuple[str, Patch]]:
+def _fountain(detail: Detail) -> Iterator[tuple[str, Patch]]:
     """The fountain in the middle of the court, in a stone square of its own."""
-    stone, water = furnishings.fountain()
+    stone, water = furnishings.fountain(detail.at_most(3.0))
     yield "column marble", stone
     yield "water", water
+    if not detail.shows(PAVING):
+        return
     half, joint, depth = HALF_BAY, 0.014, 0.01
     yield "dark slab", mitred([(0, 0), (-joint, depth)], ring_corners(half, half), closed=True)
     corners = ring_corners(half - joint, half - joint)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fovden.tracer.procedural.detail import DRAWN, Detail
 from fovden.tracer.procedural.patch import Patch, join
 from fovden.tracer.procedural.primitives import bridge, grid, mitred, quad, ring_corners
 
@@ -45,7 +46,7 @@ def paving(size: tuple[float, float], joint: float = 0.014, depth: float = 0.01)
     return join([quad((-x, depth, z), (x, depth, z), (x, depth, -z), (-x, depth, -z)), bevel])
 
 
-def roof_tiles(length: float, spacing: float, slope: float, course: float) -> Patch:
+def roof_tiles(length: float, spacing: float, slope: float, course: float, detail: Detail = DRAWN) -> Patch:
     """Returns one line of half-round cover tiles that climbs a roof from z = 0 towards -z.
 
     Args:
@@ -53,6 +54,7 @@ def roof_tiles(length: float, spacing: float, slope: float, course: float) -> Pa
         spacing: Width of the line, metres.
         slope: Rise over run.
         course: Horizontal length of a tile that is seen, metres.
+        detail: Fineness of a tile's half circle, five segments as drawn.
 
     Returns:
         The tiles, each resting on the one below it and closed at its lower end.
@@ -63,7 +65,7 @@ def roof_tiles(length: float, spacing: float, slope: float, course: float) -> Pa
     """
     count = max(1, round(length / course))
     step = length / count
-    angle = np.linspace(np.pi, 0, 6)
+    angle = np.linspace(np.pi, 0, detail.segments(5, least=2) + 1)
     lift = 0.03
     pieces = []
     for i in range(count):

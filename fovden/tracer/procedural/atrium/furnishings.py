@@ -9,25 +9,28 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fovden.tracer.procedural.atrium.orders import bead, hollow
+from fovden.tracer.procedural.detail import DRAWN, Detail
 from fovden.tracer.procedural.patch import Array, Patch, join
-from fovden.tracer.procedural.primitives import arc_lengths, grid, lathe, mitred, ring_corners, tube
+from fovden.tracer.procedural.primitives import arc_lengths, bridge, grid, lathe, mitred, ring_corners, tube
 
 __all__ = [
     "FOUNTAIN_RADIUS",
-    "LEAF_TRIANGLES",
     "agave",
     "banner",
     "curtain",
     "fountain",
     "ivy_bud",
+    "ivy_leaf_triangles",
     "ivy_leaves",
     "vase",
 ]
 
 
-def curtain(
-    rng: np.random.Generator, width: float, height: float, tie: float, rows: int = 16, columns: int = 37
-) -> Patch:
+CREASED = 0.5
+"""Fineness below which folds have too few facets to be shaded as smooth."""
+
+
+def curtain(rng: np.random.Generator, width: float, height: float, tie: float, detail: Detail = DRAWN) -> Patch:
     """Returns half of a pair of curtains, drawn to the right by a tie.
 
     The cloth hangs from y = height and reaches from x = 0 to x = width at the top. Its folds are waves across the
@@ -39,34 +42,35 @@ def curtain(
         width: Of the top, metres.
         height: Metres.
         tie: Height of the tie, metres.
-        rows: Points from top to bottom.
-        columns: Points across.
+        detail: Fineness; as drawn there are 15 rows of 36 cells.
 
     Returns:
-        The patch, smooth.
+        The patch, smooth unless its folds are too coarse for that.
 
     Example:
         >>> curtain(np.random.default_rng(0), 1.2, 3.0, tie=1.2).triangle_count
         1080
     """
-    across, down = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows), indexing="xy")
+    rows, columns = detail.segments(15, least=3), detail.segments(36, least=6)
+    across, down = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1), indexing="xy")
     y = height * (1 - down)
     above = np.clip((y - tie) / (height - tie), 0, 1)
     below = np.clip((tie - y) / tie, 0, 1)
     share = np.where(y > tie, 0.22 + 0.78 * above**1.7, 0.22 + 0.13 * np.sin(0.5 * np.pi * below) ** 0.8)
     phase = 2 * np.pi * (5.5 * across + 0.35 * np.sin(2 * np.pi * (across + 0.6 * down + rng.random())))
     phase += 0.8 * np.sin(3 * down + 2 * np.pi * rng.random())
-    deep = 0.034 * share**-0.5 * (0.75 + 0.5 * rng.random(columns).cumsum() % 1 * 0.4)
+    uneven = 0.75 + 0.5 * rng.random(37).cumsum() % 1 * 0.4
+    deep = 0.034 * share**-0.5 * np.interp(np.linspace(0, 36, columns + 1), np.arange(37), uneven)
     x = width * (1 - (1 - across) * share)
     z = deep * np.sin(phase) + 0.02 * np.sin(2 * np.pi * (down + across))
     y = y - 0.10 * (1 - across) * np.sin(np.pi * np.clip((height - y) / (height - tie), 0, 1)) * (y > tie)
     points = np.stack([x, y, z], axis=-1)[::-1]
     uv = np.stack([1.6 * width * across, height * (1 - down)], axis=-1)[::-1]
-    return grid(points, smooth=True, uv=uv)
+    return grid(points, smooth=detail.shows(CREASED), uv=uv)
 
 
 def banner(
-    rng: np.random.Generator, width: float, path: ArrayLike, sway: float = 0.06, rows: int = 20, columns: int = 26
+    rng: np.random.Generator, width: float, path: ArrayLike, sway: float = 0.06, detail: Detail = DRAWN
 ) -> Patch:
     """Returns a cloth that lies over things along a path and hangs free at its end.
 
@@ -78,11 +82,11 @@ def banner(
         width: Metres.
         path: Points (z, y) in metres, shape (n, 2).
         sway: Scale of the ripples at the free end, metres.
-        rows: Points along the path.
-        columns: Points across.
+        detail: Fineness; as drawn there are 19 rows of 25 cells.
 
     Returns:
-        The patch, smooth, its visible side to the right of the path (the front, for a path that goes down).
+        The patch, its visible side to the right of the path (the front, for a path that goes down); smooth unless its
+        ripples are too coarse for that.
 
     Example:
         >>> banner(np.random.default_rng(0), 1.4, [(0, 1), (0.2, 1), (0.3, -1)]).triangle_count
@@ -90,11 +94,11 @@ def banner(
     """
     line = np.asarray(path, dtype=float)
     length = arc_lengths(line)
-    s = np.linspace(0, length[-1], rows)
+    s = np.linspace(0, length[-1], detail.segments(19, least=7) + 1)
     z, y = (np.interp(s, length, line[:, axis]) for axis in range(2))
     kernel = np.array([0.25, 0.5, 0.25])
     z[1:-1], y[1:-1] = np.convolve(z, kernel, "valid"), np.convolve(y, kernel, "valid")
-    across = np.linspace(-1, 1, columns)
+    across = np.linspace(-1, 1, detail.segments(25, least=2) + 1)
     free = np.clip((s / length[-1] - 0.45) / 0.55, 0, 1)[:, None]
     offsets = 2 * np.pi * rng.random(3)
     ripple = 0.6 * np.sin(2.5 * np.pi * across + offsets[0] + 0.6 * free)
@@ -113,17 +117,18 @@ def banner(
         axis=-1,
     )
     uv = np.stack(np.broadcast_arrays(width / 2 * across, -s[:, None]), axis=-1)
-    return grid(points[::-1], smooth=True, uv=uv[::-1])
+    return grid(points[::-1], smooth=detail.shows(CREASED), uv=uv[::-1])
 
 
-def vase(segments: int = 18) -> tuple[Patch, Patch]:
-    """Returns a two-handled vase, 0.95 m tall, and the earth in it.
+def vase(detail: Detail = DRAWN) -> tuple[Patch, Patch]:
+    """Returns a two-handled vase, 0.95 m tall, and the earth in it; below a fineness of 0.3 it has no handles.
 
     Example:
         >>> body, earth = vase()
         >>> round(float(body.vertices[:, 1].max()), 3)
         0.95
     """
+    segments = detail.segments(18, least=5)
     foot = mitred([(0, 0), (0, 0.06)], ring_corners(0.17, 0.17), closed=True)
     slab = mitred([(0, 0.06), (-0.06, 0.06)], ring_corners(0.17, 0.17), closed=True)
     stem = [
@@ -134,24 +139,29 @@ def vase(segments: int = 18) -> tuple[Patch, Patch]:
     y = np.array([0.23, 0.27, 0.34, 0.44, 0.54, 0.62, 0.69, 0.78, 0.85, 0.90])
     r = np.array([0.075, 0.14, 0.21, 0.265, 0.285, 0.27, 0.22, 0.17, 0.18, 0.215])
     belly = np.stack([r, y], axis=1)
-    lip = [bead(0.215, 0.025, 0.90, 0.95, 5)]
+    earth = lathe(detail.curve([(0.163, 0.835), (0.09, 0.855), (0.0, 0.86)]), segments)
+    if not detail.shows(0.3):
+        stand, mouth = [(0.12, 0.0), (0.075, 0.23)], [(0.215, 0.95), (0.16, 0.82)]
+        outside = [(0.075, 0.23), (0.285, 0.56), (0.17, 0.78), (0.215, 0.95)]
+        return join([lathe(piece, segments) for piece in (stand, outside, mouth)]), earth
+    lip = bead(0.215, 0.025, 0.90, 0.95, 5)
     inside = np.array([(0.215, 0.95), (0.19, 0.91), (0.165, 0.86), (0.16, 0.82)])
-    angle = np.linspace(1.15 * np.pi, -0.35 * np.pi, 9)
+    angle = np.linspace(1.15 * np.pi, -0.35 * np.pi, detail.segments(8, least=3) + 1)
     curve = np.array([0.27, 0.70]) + np.array([0.105, 0.13]) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     curve[0], curve[-1] = (0.178, 0.76), (0.262, 0.60)
-    handle = tube(np.stack([curve[:, 0], curve[:, 1], 0 * angle], axis=1), 0.017, 5)
-    turned = [lathe(piece, segments) for piece in (*stem, belly, *lip, inside)]
-    earth = lathe([(0.163, 0.835), (0.09, 0.855), (0.0, 0.86)], segments)
+    handle = tube(np.stack([curve[:, 0], curve[:, 1], 0 * angle], axis=1), 0.017, detail.segments(5, least=3))
+    turned = [lathe(detail.curve(piece), segments) for piece in (*stem, belly, lip, inside)]
     return join([foot, slab, *turned, handle, handle.placed(turns=np.pi)]), earth
 
 
-def agave(rng: np.random.Generator, blades: int = 26, height: float = 0.75) -> Patch:
+def agave(rng: np.random.Generator, blades: int = 26, height: float = 0.75, detail: Detail = DRAWN) -> Patch:
     """Returns a tuft of long folded blades that rise and bend outward from one root.
 
     Args:
         rng: Source of the blades' irregularity.
         blades: Number of blades.
         height: Length of the longest blade, metres.
+        detail: Fineness along the blades, six segments as drawn.
 
     Returns:
         The patch; texture coordinates put the midrib at 0.5.
@@ -160,7 +170,9 @@ def agave(rng: np.random.Generator, blades: int = 26, height: float = 0.75) -> P
         >>> agave(np.random.default_rng(0), blades=10).triangle_count
         220
     """
-    along = np.linspace(0, 1, 7)
+    along = np.linspace(0, 1, detail.segments(6, least=2) + 1)
+    widths = np.array([0.6, 0.9, 1.0, 0.95, 0.75, 0.42, 0.0])
+    width = 0.04 * (detail.curve(widths) if detail.shows(0.5) else np.interp(along, np.linspace(0, 1, 7), widths))
     pieces = []
     for i in range(blades):
         lean = 0.15 + 1.15 * (i / blades) + 0.1 * rng.standard_normal()
@@ -169,7 +181,6 @@ def agave(rng: np.random.Generator, blades: int = 26, height: float = 0.75) -> P
         step = length / (len(along) - 1)
         out = 0.02 + np.concatenate([[0], np.cumsum(step * np.cos(pitch[:-1]))])
         up = np.concatenate([[0], np.cumsum(step * np.sin(pitch[:-1]))])
-        width = 0.04 * np.array([0.6, 0.9, 1.0, 0.95, 0.75, 0.42, 0.0])
         side = np.array([1.0, 0.0, -1.0])
         points = np.stack(
             [
@@ -188,8 +199,14 @@ FOUNTAIN_RADIUS = 1.62
 """From the fountain's axis to the corners of its octagonal step, metres."""
 
 
-def fountain() -> tuple[Patch, Patch]:
+def fountain(detail: Detail = DRAWN) -> tuple[Patch, Patch]:
     """Returns an octagonal basin with a bowl on a pedestal, about 2.3 m tall, and the water in both.
+
+    Args:
+        detail: Fineness; below 0.12 there is no bowl, below 0.5 it has no lobes.
+
+    Returns:
+        The stone and the water.
 
     Example:
         >>> stone, water = fountain()
@@ -199,6 +216,11 @@ def fountain() -> tuple[Patch, Patch]:
     step = [[(FOUNTAIN_RADIUS, 0), (FOUNTAIN_RADIUS, 0.13)], [(FOUNTAIN_RADIUS, 0.13), (1.30, 0.13)]]
     wall = [(1.30, 0.13), (1.30, 0.24), (1.24, 0.29), (1.24, 0.50), (1.30, 0.55), (1.34, 0.55), (1.34, 0.64)]
     inner = [(1.34, 0.64), (1.10, 0.64), (1.10, 0.46)]
+    if not detail.shows(0.12):
+        rim = [[(1.34, 0), (1.34, 0.64)], inner]
+        around = lathe([(1.10, 0.5), (1.10, 0.6)], 8, turn=np.pi / 8).vertices[:8]
+        pool = bridge(around[:4], around[:3:-1])
+        return join([lathe(piece, 8, faceted=True, turn=np.pi / 8) for piece in rim]), pool
     octagon = [lathe(piece, 8, faceted=True, turn=np.pi / 8) for piece in (*step, wall, inner)]
     pedestal = [
         np.array([(0.30, 0.50), (0.30, 0.58)]),
@@ -216,25 +238,27 @@ def fountain() -> tuple[Patch, Patch]:
         bead(0.09, 0.02, 1.94, 1.98),
         np.array([(0.09, 1.98), (0.125, 2.06), (0.12, 2.14), (0.075, 2.22), (0.03, 2.27), (0.0, 2.30)]),
     ]
-    lobes = [_gadrooned(piece, 40) for piece in pedestal[5:6]]
-    turned = [lathe(piece, 28) for piece in (*pedestal[:5], *pedestal[6:], *finial)]
+    segments = detail.segments(28, least=6)
+    if detail.shows(0.5):
+        bowl = _gadrooned(detail.curve(pedestal[5], least=2), 20, 2 * detail.segments(2))
+    else:
+        bowl = lathe(detail.curve(pedestal[5], least=2), segments)
+    plain = (*pedestal[:5], *pedestal[6:], *finial)
+    turned = [bowl, *(lathe(detail.curve(piece, least=2), segments) for piece in plain)]
     pool = lathe([(1.10, 0.5), (0.30, 0.5)], 8, faceted=True, turn=np.pi / 8)
-    bowl = lathe([(0.59, 1.64), (0.11, 1.64)], 28, faceted=True)
-    return join([*octagon, *lobes, *turned]), join([pool, bowl])
+    brim = lathe([(0.59, 1.64), (0.11, 1.64)], segments, faceted=True)
+    return join([*octagon, *turned]), join([pool, brim])
 
 
-def _gadrooned(profile: Array, lobes: int) -> Patch:
-    """A turned bowl whose belly is ribbed by rounded lobes."""
+def _gadrooned(profile: Array, lobes: int, segments: int) -> Patch:
+    """A turned bowl whose belly is ribbed by rounded lobes of an even number of segments."""
     share = arc_lengths(profile) / arc_lengths(profile)[-1]
-    angle = np.linspace(0, 2 * np.pi, 4 * lobes // 2 + 1)
-    wave = np.abs(np.sin(angle * lobes / 4))
+    angle = np.linspace(0, 2 * np.pi, segments * lobes + 1)
+    wave = np.abs(np.sin(angle * lobes / 2))
     radius = profile[:, :1] * (1 + 0.05 * np.sin(np.pi * share)[:, None] * wave)
     y = np.broadcast_to(profile[:, 1:], radius.shape)
     return grid(np.stack([radius * np.sin(angle), y, radius * np.cos(angle)], axis=-1), smooth=True)
 
-
-LEAF_TRIANGLES = 4
-"""Triangles of an ivy leaf: two lobes and two halves of the tip around the base."""
 
 LEAF_OUTLINE = np.array(
     [
@@ -249,33 +273,46 @@ LEAF_OUTLINE = np.array(
 """Base, upper lobe, side, tip, side, upper lobe of an ivy leaf of length 1 that hangs down, folded along its midrib."""
 
 
-def ivy_leaves(roots: Array, turns: Array, tilts: Array, sizes: Array) -> Patch:
-    """Returns ivy leaves that hang from given points, four triangles each.
+def ivy_leaf_triangles(detail: Detail = DRAWN) -> int:
+    """Returns the number of an ivy leaf's triangles: two lobes and two halves of the tip, or twice or four times that.
+
+    Example:
+        >>> ivy_leaf_triangles(), ivy_leaf_triangles(Detail(0.1)), ivy_leaf_triangles(Detail(9.0))
+        (4, 4, 16)
+    """
+    return 4 * (1 + detail.shows(2.0) + 2 * detail.shows(4.0))
+
+
+def ivy_leaves(roots: Array, turns: Array, tilts: Array, sizes: Array, detail: Detail = DRAWN) -> Patch:
+    """Returns ivy leaves that hang from given points.
 
     Args:
         roots: Where the stems hold them, metres, shape (k, 3).
         turns: Directions they face, radians about y, shape (k).
         tilts: How far their tips are lifted from hanging straight down, radians, shape (k).
         sizes: Lengths, metres, shape (k).
+        detail: Fineness of the outline; see :func:`ivy_leaf_triangles`.
 
     Returns:
-        The leaves; texture coordinates put the midrib at 0.5.
+        The leaves, flat triangles around the base; texture coordinates put the midrib at 0.5.
 
     Example:
         >>> ivy_leaves(np.zeros((2, 3)), np.zeros(2), np.zeros(2), np.full(2, 0.08)).triangle_count
         8
     """
-    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+    triangles = ivy_leaf_triangles(detail)
+    lobes = [Detail(triangles / 4).curve(half) for half in (LEAF_OUTLINE[1:4], LEAF_OUTLINE[3:])]
+    outline = np.concatenate([LEAF_OUTLINE[:1], lobes[0], lobes[1][1:]])
+    tip = np.arange(1, triangles + 1)
+    faces = np.stack([np.zeros_like(tip), tip, tip + 1], axis=1)
     cosine, sine = np.cos(tilts)[:, None], np.sin(tilts)[:, None]
-    x, y, z = LEAF_OUTLINE.T
+    x, y, z = outline.T
     y, z = cosine * y + sine * z, -sine * y + cosine * z
     turn_cosine, turn_sine = np.cos(turns)[:, None], np.sin(turns)[:, None]
     local = np.stack([turn_cosine * x + turn_sine * z, y, -turn_sine * x + turn_cosine * z], axis=-1)
-    vertices = roots[:, None] + sizes[:, None, None] * local
-    outline = np.stack([0.5 + LEAF_OUTLINE[:, 0], 1 + LEAF_OUTLINE[:, 1]], axis=1)
-    numbers = faces + len(LEAF_OUTLINE) * np.arange(len(roots))[:, None, None]
-    uv = np.tile(outline, (len(roots), 1))
-    vertices = vertices.reshape(-1, 3)
+    vertices = (roots[:, None] + sizes[:, None, None] * local).reshape(-1, 3)
+    numbers = faces + len(outline) * np.arange(len(roots))[:, None, None]
+    uv = np.tile(np.stack([0.5 + outline[:, 0], 1 + outline[:, 1]], axis=1), (len(roots), 1))
     return Patch(vertices, numbers.reshape(-1, 3), uv, np.zeros_like(vertices))
 
 

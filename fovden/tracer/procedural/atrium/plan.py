@@ -6,17 +6,23 @@ middle. A side of the court is built in a frame of its own, looking at the court
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fovden.tracer.procedural.atrium.arcade import ArchShape
 from fovden.tracer.procedural.atrium.orders import ColumnOrder
+from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.patch import Array
 
 __all__ = [
     "ARCH",
     "ARCHITRAVE",
+    "BALUSTERS",
     "BAY",
+    "CAPITALS",
     "CEILING",
+    "COFFERS",
     "EAVES",
     "GROUND_ORDER",
     "HALF_BAY",
@@ -27,6 +33,8 @@ __all__ = [
     "LONG",
     "LONG_TURNS",
     "LOWER_CORNICE",
+    "MOULDINGS",
+    "PAVING",
     "PEDESTAL",
     "QUARTER",
     "ROOF_SLOPE",
@@ -36,10 +44,14 @@ __all__ = [
     "UPPER_COLUMN",
     "UPPER_FLOOR",
     "UPPER_ORDER",
+    "VAULTS",
     "VAULT_RISE",
+    "WINDOWS",
     "along",
+    "arch_shape",
     "bay_middles",
     "spread",
+    "vault_segments",
 ]
 
 BAY = 3.2
@@ -84,6 +96,35 @@ QUARTER = np.pi / 2
 LONG_TURNS = (0.0, np.pi)
 SHORT_TURNS = (QUARTER, -QUARTER)
 """Turns of the two long and the two short sides."""
+
+
+CAPITALS, BALUSTERS, VAULTS, WINDOWS = 0.11, 0.13, 0.15, 0.18
+MOULDINGS, PAVING, COFFERS = 0.3, 0.32, 0.42
+"""Fineness from which there are columns under the arches, a balustrade, vaults, windows, profiles, slabs and coffers.
+
+Below them are square piers, a parapet, flat ceilings, blank walls, plain edges and bare floors.
+"""
+
+
+def arch_shape(detail: Detail) -> ArchShape:
+    """Returns the arches at a fineness; below that of mouldings their faces are flush with the wall.
+
+    Example:
+        >>> arch_shape(Detail(0.1)).outer
+        1.2
+    """
+    outer = ARCH.outer if detail.shows(MOULDINGS) else ARCH.radius
+    return replace(ARCH, outer=outer, detail=detail)
+
+
+def vault_segments(detail: Detail) -> int:
+    """Returns the even number of segments along a vault's edges, 24 as drawn.
+
+    Example:
+        >>> vault_segments(Detail(0.5))
+        12
+    """
+    return 2 * detail.segments(12, least=2)
 
 
 def bay_middles(count: int) -> Array:
