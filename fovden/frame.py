@@ -15,6 +15,7 @@ from torch import Tensor
 
 from fovden.camera import Camera, Gaze
 from fovden.checks import require, require_integer, require_shapes
+from fovden.preview import Picture, card, finite_exposure, never_raising, ramp, shades, show, shrink, to_levels
 
 __all__ = ["Frame", "GBuffer", "Reference"]
 
@@ -84,6 +85,27 @@ class GBuffer:
             torch.int32
         """
         return _map_tensors(self, lambda tensor: _move(tensor, *args, **kwargs))
+
+    @never_raising
+    def _repr_html_(self) -> str:
+        first = replace(self, **{field.name: getattr(self, field.name)[:1] for field in fields(self)})
+        hit, depth = first.hit, first.depth
+        distances = depth[hit & torch.isfinite(depth)]
+        near, far = (float(distances.min()), float(distances.max())) if distances.numel() else (0.0, 0.0)
+        pictures = [
+            Picture(show(first.albedo, 1.0), "albedo"),
+            Picture(to_levels(shrink(torch.where(hit, (first.normal + 1) / 2, 0.0))), "normal, (n + 1) / 2"),
+            Picture(ramp(torch.where(hit, -depth, -far), -far, -near), f"depth, white {near:.3g} m, black {far:.3g} m"),
+        ]
+        views, _, height, width = self.albedo.shape
+        units = {"position": ", metres", "depth": ", metres", "motion": ", pixels"}
+        rows = {
+            "views": f"{views} of {width} x {height} pixels, {_type_of(self.albedo)}"
+            + "; shown: the first" * (views > 1),
+            "surfaces": f"{_share(self.hit)} of the pixels, {len(torch.unique(self.prim[self.hit])):,} triangles",
+        }
+        rows |= {f.name: f"{tuple(getattr(self, f.name).shape)}{units.get(f.name, '')}" for f in fields(self)}
+        return card("GBuffer", pictures, rows | _not_finite(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,6 +254,27 @@ class Frame:
         """
         return _map_tensors(self, lambda tensor: _move(tensor, *args, **kwargs))
 
+    @never_raising
+    def _repr_html_(self) -> str:
+        height, width = self.resolution
+        counts = self.counts.detach().double()
+        most = float(counts.max()) if counts.numel() else 0.0
+        samples = Picture(ramp(counts[:1], 0.0, most), f"samples per pixel, black 0, white {most:.4g}")
+        pictures = [*_eyes(self.radiance), samples]
+        shares = self.layer.flatten().bincount().double() / max(1, self.layer.numel())
+        if len(shares) > 1:
+            pictures.append(Picture(shades(self.layer[:1]), "layers, the innermost white"))
+        gaze = None if self.gaze is None else ", ".join(f"({x:g}, {y:g})" for x, y in self.gaze.pixels.tolist())
+        rows = {
+            "views": f"{self.view_count} of {width} x {height} pixels, {_type_of(self.direct)}",
+            "samples": f"{float(counts.mean()):.3f} per pixel on average, {_share(counts > 0)} of the pixels have any",
+            "layers": ", ".join(f"{number}: {share:.1%}" for number, share in enumerate(shares.tolist())) or "none",
+            "gaze": "unknown" if gaze is None else f"{gaze} pixels",
+            "camera": _place_of(self.camera),
+            "frame": f"index {self.index}, seed {self.seed}, raster {self.raster}, jitter {self.jitter}",
+        }
+        return card("Frame", pictures, rows | _not_finite(self))
+
 
 @dataclass(frozen=True, eq=False)
 class Reference:
@@ -276,6 +319,18 @@ class Reference:
         """
         return _map_tensors(self, lambda tensor: _move(tensor, *args, **kwargs))
 
+    @never_raising
+    def _repr_html_(self) -> str:
+        views, _, height, width = self.mean.shape
+        noise = float(self.variance.mean(dtype=torch.float64).sqrt())
+        rows = {
+            "views": f"{views} of {width} x {height} pixels, {_type_of(self.mean)}",
+            "samples": f"{self.count} per pixel, seed {self.seed}",
+            "noise": f"{noise:.3g} (RMS standard error of the radiance)",
+            "camera": _place_of(self.camera),
+        }
+        return card("Reference", _eyes(self.mean), rows | _not_finite(self))
+
 
 def _move(tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
     if tensor.is_floating_point():
@@ -300,3 +355,36 @@ def _map_tensors(record: Record, change: Callable[[Tensor], Tensor]) -> Record:
         elif isinstance(value, Gaze):
             changed[field.name] = Gaze(change(value.pixels))
     return replace(record, **changed)
+
+
+def _eyes(radiance: Tensor) -> list[Picture]:
+    """Thumbnails of the first two views, both at one exposure."""
+    exposure = finite_exposure(radiance)
+    names = ("left eye", "right eye") if len(radiance) == 2 else ("view 0", "view 1")
+    views = zip(names, radiance, strict=False)
+    return [Picture(show(view[None], exposure), f"{name}, exposure {exposure:.3g}, sRGB") for name, view in views]
+
+
+def _type_of(tensor: Tensor) -> str:
+    return f"{str(tensor.dtype).removeprefix('torch.')} on {tensor.device}"
+
+
+def _place_of(camera: Camera | None) -> str:
+    if camera is None:
+        return "unknown"
+    return "at " + ", ".join(f"({x:.3g}, {y:.3g}, {z:.3g})" for x, y, z in camera.origin.tolist()) + " m"
+
+
+def _share(condition: Tensor) -> str:
+    return f"{float(condition.double().mean()) if condition.numel() else 0:.1%}"
+
+
+def _not_finite(record: Record) -> dict[str, str]:
+    """Numbers of values that are not finite, by the field's name; nothing where all are."""
+    numbers = {}
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if isinstance(value, Tensor) and value.is_floating_point():
+            numbers[field.name] = int((~torch.isfinite(value)).sum())
+    found = ", ".join(f"{number:,} in {name}" for name, number in numbers.items() if number)
+    return {"not finite": f"{found} (magenta above)"} if found else {}

@@ -43,7 +43,7 @@ def eccentricity_pixels(gaze: Gaze, resolution: tuple[int, int]) -> Tensor:
 def eccentricity_degrees(gaze: Gaze, camera: Camera | StereoCamera) -> Tensor:
     """Returns the angle between the view ray through each pixel and the one through the gaze.
 
-    For unit rays a and b it is 2 atan2(|a - b|, |a + b|), which keeps its precision near 0, where the arc cosine of
+    For unit rays a and b it is ``2 atan2(|a - b|, |a + b|)``, which keeps its precision near 0, where the arc cosine of
     a . b has none (Kahan, "How futile are mindless assessments of roundoff", 2006, section 12).
 
     Args:

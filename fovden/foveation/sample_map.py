@@ -13,6 +13,7 @@ from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require, require_integer, require_number, require_shapes, require_tensor
 from fovden.foveation.blue_noise import TILE, blue_noise_tile
 from fovden.foveation.falloff import Falloff
+from fovden.preview import Picture, card, never_raising, ramp, shades
 from fovden.rng import Stream, uniform
 
 __all__ = ["SampleMap", "sample_map", "uniform_map"]
@@ -55,7 +56,8 @@ class SampleMap:
             whole = not tensor.is_floating_point() and tensor.dtype != torch.bool
             require(whole, name, tensor.dtype, "an integer type")
             object.__setattr__(self, name, tensor.to(torch.int32))
-        require(not bool((self.counts < 0).any()), "counts", int(self.counts.amin()), "numbers of at least 0")
+        fewest = int(self.counts.amin()) if self.counts.numel() else 0
+        require(fewest >= 0, "counts", fewest, "numbers of at least 0")
         require_number("expected", self.expected, minimum=0)
 
     @classmethod
@@ -133,6 +135,27 @@ class SampleMap:
         gaze = self.gaze.to(*args, **kwargs)
         moved = {name: getattr(self, name).to(gaze.pixels.device) for name in ("counts", "coords", "layer")}
         return replace(self, gaze=gaze, **moved)
+
+    @never_raising
+    def _repr_html_(self) -> str:
+        height, width = self.resolution
+        most = int(self.counts.max()) if self.counts.numel() else 0
+        shared = self.counts.shape[0] < self.view_count
+        pictures = [
+            Picture(ramp(self.counts, 0, most), f"samples per pixel, black 0, white {most}"),
+            Picture(shades(self.layer), "layers, the innermost white"),
+        ]
+        layers = self.layer.flatten().bincount().double() / max(1, self.layer.numel())
+        rows = {
+            "views": f"{self.view_count} of {width} x {height} pixels" + (" that share their counts" if shared else ""),
+            "paths": f"{self.paths:,}; expected {self.expected:,.0f}",
+            "samples per pixel": f"{self.mean_spp:.3f} on average, at most {most}" if self.counts.numel() else "none",
+            "pixels with samples": f"{len(self.coords):,}",
+            "layers": ", ".join(f"{number}: {share:.1%}" for number, share in enumerate(layers.tolist())) or "none",
+            "circles": ", ".join(f"{radius:g}" for radius in self.radii) + " pixels" if self.radii else "none",
+            "gaze": ", ".join(f"({x:g}, {y:g})" for x, y in self.gaze.pixels.tolist()) + " pixels",
+        }
+        return card("SampleMap", pictures, rows)
 
 
 def sample_map(

@@ -20,14 +20,14 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
     "radiance": ("", "rgb", "rgba", "color", "beauty", "combined"),
     "normal": ("n", "nn", "ns", "normal", "normals", "sh_normal"),
     "position": ("p", "pos", "position", "positions"),
-    "albedo": ("albedo", "alb", "diffcol"),
+    "albedo": ("albedo", "alb", "diffcol", "diffuse color"),
     "depth": ("z", "depth"),
     "counts": ("spp", "samples"),
     "mask": ("mask",),
 }
 """Names of a layer, in lower case, under which other renderers keep an image (Mitsuba: ``nn``, ``pos``, ``albedo``;
-pbrt-v4: ``Ns``, ``P``, ``Albedo``; Blender: ``ViewLayer.Combined``,
-``.Normal``, ``.Position``, ``.DiffCol``, ``.Depth``). The first one present is taken."""
+pbrt-v4: ``Ns``, ``P``, ``Albedo``; Blender: ``ViewLayer.Combined``, ``.Normal``, ``.Position``, ``.Depth``, and
+``.DiffCol`` or, in its newer versions, ``.Diffuse Color``). The first one present is taken."""
 
 LETTERS: Mapping[str, tuple[str, ...]] = {
     "radiance": ("RGB",),

@@ -83,7 +83,7 @@ def load_frame(path: FilePath, *, camera: Camera | StereoCamera | None = None) -
     in front, as in ``ViewLayer.Normal``): normals ``N``, ``nn``, ``Ns``, ``normal``, ``normals``, ``sh_normal``;
     positions ``P``, ``pos``, ``position``, ``positions``; with the letters ``X Y Z`` or ``R G B``. What may be missing:
 
-    - ``albedo`` (or ``alb``, ``DiffCol``): 1 where there is a surface, else 0.
+    - ``albedo`` (or ``alb``, ``DiffCol``, ``Diffuse Color``): 1 where there is a surface, else 0.
     - ``spp`` (or ``samples``): one sample in every pixel. A layer ``mask`` zeroes it where the mask is 0.
     - ``Z`` (or ``depth``), along the viewing axis: computed from the positions where ``camera`` is given; otherwise
       the root-mean-square distance of the positions from their mean, which is a length of the right order and no

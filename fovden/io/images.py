@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal, get_args
 
 import torch
-from PIL import Image
 from torch import Tensor
 
 from fovden.checks import require, require_finite, require_shapes
@@ -14,8 +14,12 @@ from fovden.io.exr import BEAUTY, ImageChannels, read_exr, write_exr
 from fovden.io.files import FilePath, atomic_write
 from fovden.io.foreign import find_image
 from fovden.io.frames import camera_from_json, camera_to_json
+from fovden.preview import encode_png, to_levels
 
-__all__ = ["load_image", "load_reference", "save_image", "save_png", "save_reference"]
+__all__ = ["PngLayout", "load_image", "load_reference", "save_image", "save_png", "save_reference"]
+
+PngLayout = Literal["side-by-side", "cross-eyed", "left", "right"]
+"""Which views a picture has and where; see :func:`save_png`."""
 
 REFERENCE = (ImageChannels("mean", "", "RGB"), ImageChannels("variance", "variance", "RGB"))
 
@@ -130,34 +134,46 @@ def load_image(path: FilePath) -> Tensor:
     return image
 
 
-def save_png(path: FilePath, image: Tensor) -> None:
-    """Writes display-encoded views side by side as an 8-bit PNG, the left eye on the left.
+def save_png(
+    path: FilePath, image: Tensor, *, layout: PngLayout = "side-by-side", exposure: float | None = None
+) -> None:
+    """Writes display-encoded views as an 8-bit PNG that says that it is sRGB, and which exposure it was made with.
 
     The values are stored as they are, ``floor(255 x + 1/2)``: linear radiance must go through an exposure and the
     sRGB curve first (:func:`fovden.color.display`); stored directly it would look too dark, and above 1 it is refused.
+    The file has the chunks of :func:`fovden.preview.png_info`.
 
     Args:
         path: The file, named ``*.png``; its folder must exist.
         image: Display-encoded colour in [0, 1], shape (v, 3, h, w).
+        layout: ``"side-by-side"``: all views, the left eye on the left; ``"cross-eyed"``: the right eye's image on the
+            left, to be fused by crossing the eyes; ``"left"`` or ``"right"``: that eye alone. All but the first ask
+            for two views.
+        exposure: Scale from radiance to the display that ``image`` was made with, above 0, to be stated in the file;
+            ``None`` states none.
 
     Raises:
-        ValueError: If the name does not end in ``.png`` or a value is outside [0, 1].
+        ValueError: If the name does not end in ``.png``, a value is outside [0, 1], or the views do not fit the layout.
         OSError: If the file cannot be written.
 
     Example:
         >>> import tempfile
         >>> path = Path(tempfile.mkdtemp()) / "picture.png"
-        >>> save_png(path, torch.full((2, 3, 4, 6), 0.5))
-        >>> path.stat().st_size > 0
+        >>> save_png(path, torch.full((2, 3, 4, 6), 0.5), layout="cross-eyed", exposure=1.25)
+        >>> b"Exposure" in path.read_bytes()
         True
     """
     path = Path(path)
     require(path.suffix.lower() == ".png", "path", path, "a name that ends in .png")
-    require_shapes("v 3 h w", image=image)
+    views = require_shapes("v 3 h w", image=image)["v"]
+    require(image.numel() > 0, "image", tuple(image.shape), "at least one pixel")
     require_finite("image", image, minimum=0)
     brightest = float(image.max())
     require(brightest <= 1, "image", brightest, "display-encoded values of at most 1 (see fovden.color.display)")
-    levels = torch.floor(image.detach().double() * 255 + 0.5).to(torch.uint8)
-    side_by_side = torch.cat(list(levels.cpu()), dim=2).permute(1, 2, 0).contiguous().numpy()
+    require(layout in get_args(PngLayout), "layout", repr(layout), f"one of {get_args(PngLayout)}")
+    if layout != "side-by-side":
+        require(views == 2, "image", f"{views} views", f"two views for the layout {layout!r}")
+    shown = {"cross-eyed": [1, 0], "left": [0], "right": [1]}.get(layout, list(range(views)))
+    data = encode_png(to_levels(torch.stack([image[view] for view in shown])), exposure=exposure)
     with atomic_write(path) as temporary:
-        Image.fromarray(side_by_side).save(temporary, format="PNG")
+        temporary.write_bytes(data)

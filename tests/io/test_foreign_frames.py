@@ -45,6 +45,7 @@ def test_a_frame_in_mitsubas_layout(tmp_path):
         ("", "N", "P", "albedo"),
         ("", "Ns", "P", "Albedo"),
         ("ViewLayer.Combined", "ViewLayer.Normal", "ViewLayer.Position", "ViewLayer.DiffCol"),
+        ("ViewLayer.Combined", "ViewLayer.Normal", "ViewLayer.Position", "ViewLayer.Diffuse Color"),
         ("", "normals", "positions", "alb"),
     ],
 )

@@ -1,0 +1,22 @@
+"""Figures in one style, drawn from saved files, and contact sheets for notebooks.
+
+``fovden figures DIR`` draws the figures of a comparison again from the files in its folder: :func:`draw_figures`. What
+they have in common, colours and sizes, is in :mod:`fovden.figures.style`.
+"""
+
+from fovden.figures.comparison import draw_figures
+from fovden.figures.contact_sheet import ContactSheet, contact_sheet
+from fovden.figures.quantities import error_map
+from fovden.figures.style import METHOD_STYLES, PRINT_WIDTH, MethodStyle, drawing, method_style
+
+__all__ = [
+    "METHOD_STYLES",
+    "PRINT_WIDTH",
+    "ContactSheet",
+    "MethodStyle",
+    "contact_sheet",
+    "draw_figures",
+    "drawing",
+    "error_map",
+    "method_style",
+]
