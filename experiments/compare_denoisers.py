@@ -16,6 +16,7 @@ from pathlib import Path
 from experiments.harness import run_script
 from fovden.comparison import PRESETS, CompareSettings, SceneSettings, compare_denoisers, summary
 from fovden.figures import draw_figures
+from fovden.report import report_comparison
 from fovden.results import read_metrics
 from fovden.tracer import DirectionalLight, PointLight
 
@@ -45,11 +46,12 @@ def sponza() -> CompareSettings:
 
 
 def run(settings: CompareSettings, folder: Path) -> None:
-    """Compares, draws the figures, and prints the table."""
+    """Compares, draws the figures, writes the page, and prints the table."""
     compare_denoisers(settings, folder)
     figures = draw_figures(folder)
+    page = report_comparison(folder)
     print(summary(read_metrics(folder)))
-    print(f"\nfigures: {figures[0].parent}")
+    print(f"\nreport: {page}\nfigures: {figures[0].parent}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

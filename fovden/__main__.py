@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn, TextIO, TypedDict
 
-from fovden.cli import commands, options
+from fovden.cli import commands, options, scenes
 
 __all__ = ["build_parser", "main"]
 
@@ -77,7 +77,7 @@ Traces a scene once with and once without foveation, denoises with every method,
 
 Rows: the noisy inputs; the mask ignored; Base (every pixel traced, one layer); NH2LD and NH3LD (foveated, two and three
 layers); Base with as many paths as the foveated frame has, spread evenly. The folder gets config.json, provenance.json,
-metrics.csv in long form, the frames, images and reference as OpenEXR, and figures drawn from these files.
+metrics.csv in long form, the frames, images and reference as OpenEXR, and figures and report.html made of these files.
 """
 
 COMPARE_EXAMPLES = """\
@@ -92,6 +92,27 @@ Compares Base, NH2LD and NH3LD on the atrium, a colonnaded court of 262,267 tria
 against a reference of 256 samples per pixel. It takes a minute or two, prints a table, and says where to look.
 """
 
+REPORT = """\
+Writes a comparison's page again, from the files in its folder alone: report.html, one file that opens in any browser
+without a network, in which to flip between the images, split them, zoom, read pixels, and sort and copy the tables.
+"""
+
+REPORT_EXAMPLES = """\
+examples:
+  fovden report out/demo
+"""
+
+SCENES = """\
+Lists the scenes made in code with their numbers of triangles and lights, and writes a picture of each from each of its
+views.
+"""
+
+SCENES_EXAMPLES = """\
+examples:
+  fovden scenes                                         # all of them, in a few minutes
+  fovden scenes --list                                  # without pictures
+  fovden scenes forest --detail 1000000 --spp 256 --resolution 1080x1440 -o out/forest
+"""
 
 FIGURES = """\
 Draws the figures of a comparison again, from the files in its folder alone.
@@ -113,7 +134,16 @@ def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="fovden", **_texts(DESCRIPTION, EPILOG))
     add = parser.add_subparsers(title="commands", metavar="COMMAND", required=True).add_parser
 
-    for add_command in (_add_render, _add_reference, _add_denoise, _add_compare, _add_demo, _add_figures):
+    for add_command in (
+        _add_render,
+        _add_reference,
+        _add_denoise,
+        _add_compare,
+        _add_demo,
+        _add_scenes,
+        _add_figures,
+        _add_report,
+    ):
         add_command(add)
     return parser
 
@@ -244,10 +274,36 @@ def _add_demo(add: Callable[..., argparse.ArgumentParser]) -> None:
     parser.set_defaults(command=commands.demo)
 
 
+def _add_scenes(add: Callable[..., argparse.ArgumentParser]) -> None:
+    parser = add("scenes", help="list the scenes made in code, with pictures", **_texts(SCENES, SCENES_EXAMPLES))
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help="names; default: all")
+    parser.add_argument(
+        "--detail", type=options.positive_integer, metavar="N", help="number of triangles; default: each scene's own"
+    )
+    _add_sampling(parser, spp=64, spp_help="samples per pixel of the pictures")
+    options.add_resolution(parser, default=(480, 640))
+    parser.add_argument("--list", action="store_true", help="write no pictures")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("out/scenes"),
+        metavar="DIR",
+        help="folder for the pictures; default: out/scenes",
+    )
+    parser.set_defaults(command=scenes.list_scenes)
+
+
 def _add_figures(add: Callable[..., argparse.ArgumentParser]) -> None:
     parser = add("figures", help="draw a comparison's figures again", **_texts(FIGURES, FIGURES_EXAMPLES))
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of a comparison")
     parser.set_defaults(command=commands.draw)
+
+
+def _add_report(add: Callable[..., argparse.ArgumentParser]) -> None:
+    parser = add("report", help="write a comparison's page again", **_texts(REPORT, REPORT_EXAMPLES))
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of a comparison")
+    parser.set_defaults(command=commands.write_page)
 
 
 class _Parser(argparse.ArgumentParser):

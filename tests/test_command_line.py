@@ -21,7 +21,7 @@ from fovden.foveation import Gaze, ThreeLayer, sample_map
 from fovden.io import load_frame, load_image, load_reference
 from fovden.tracer import DirectionalLight, PointLight, make_scene, trace_frame
 
-COMMANDS = ["render", "reference", "denoise", "compare", "demo", "figures"]
+COMMANDS = ["render", "reference", "denoise", "compare", "demo", "scenes", "figures", "report"]
 SQUARE = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n"
 
 
@@ -147,11 +147,18 @@ def test_compare_prints_its_table_and_draws_figures_that_can_be_drawn_again(fold
     text = capsys.readouterr().out
     assert all(name in text for name in ("Noisy, foveated", "Mask ignored", "NH2LD", "NH3LD", "Base, equal paths"))
     assert "Look at results/box/figures/overview.png" in text
+    assert "Open results/box/report.html" in text
     picture = folder / "results" / "box" / "figures" / "overview.png"
     before = pixels_of(picture)
     picture.unlink()
     assert main(["figures", "results/box"]) == 0
     assert np.array_equal(pixels_of(picture), before)
+    page = folder / "results" / "box" / "report.html"
+    written = page.read_bytes()
+    page.unlink()
+    assert main(["report", "results/box"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "results/box/report.html"
+    assert page.read_bytes() == written
 
 
 @pytest.mark.parametrize(
@@ -178,6 +185,7 @@ def test_compare_prints_its_table_and_draws_figures_that_can_be_drawn_again(fold
         (["denoise", "absent.exr", "--exposure", "0", "-o", "a.png"], "above 0"),
         (["compare", "cornell_box", "--resolution", "8x8", "--reference", "absent.exr", "-o", "out"], "no such file"),
         (["figures", "."], "expected the folder of a finished run"),
+        (["report", "."], "expected the folder of a finished run"),
         (["compare", "atrium"], "required: -o/--output"),
         ([], "required: COMMAND"),
         (["paint"], "invalid choice"),
@@ -250,5 +258,36 @@ def test_the_script_of_the_experiment_runs(folder, capsys):
     assert compare.main(["--preset", "smoke", "-o", "results"]) == 0
     assert "NH3LD" in capsys.readouterr().out
     assert (folder / "results" / "figures" / "overview.png").exists()
+    assert (folder / "results" / "report.html").exists()
     view = compare.sponza().view
     assert view.lights == (DirectionalLight((0.15, -1, 0.25), 12), PointLight((0, 4.5, -0.4), 40))
+
+
+def test_scenes_are_listed_and_pictured(folder, capsys):
+    assert main(["scenes", "cornell_box", "atrium", "--detail", "2000", "--list"]) == 2
+    assert "detail" in capsys.readouterr().err
+    assert main(["scenes", "--list"]) == 0
+    text = capsys.readouterr().out
+    for words in ("atrium: 262,267 triangles; 1 directional light, 1 point light", "--view gallery"):
+        assert words in text
+    assert not list(folder.iterdir())
+    small = ["--detail", "2000", "--spp", "1", "--resolution", "12x16", "-o", "pictures"]
+    assert main(["scenes", "atrium", *small]) == 0
+    assert "atrium: 2,000 triangles" in capsys.readouterr().out
+    views = make_scene("atrium", detail=2000).views
+    assert {path.name for path in Path("pictures").iterdir()} == {
+        "atrium.png",
+        *(f"atrium_{name}.png" for name in views),
+    }
+    assert pixels_of("pictures/atrium.png").shape == (12, 16, 3)
+
+
+def test_another_view_of_a_scene(folder, capsys):
+    common = ["render", "atrium", "--spp", "1", "--resolution", "12x16", "-o"]
+    assert main([*common, "one.exr"]) == 0
+    assert main([*common, "other.exr", "--view", "gallery"]) == 0
+    expected = make_scene("atrium").views["gallery"].at((12, 16)).views
+    assert torch.allclose(load_frame(folder / "other.exr").camera.origin, expected.origin)
+    assert not torch.allclose(load_frame(folder / "one.exr").camera.origin, expected.origin)
+    assert main([*common, "no.exr", "--view", "cellar"]) == 2
+    assert "view: expected one of" in capsys.readouterr().err

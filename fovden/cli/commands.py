@@ -18,7 +18,7 @@ from fovden.io import load_frame, save_frame, save_image, save_png, save_referen
 from fovden.results import read_metrics
 from fovden.tracer import accumulate_reference, trace_frame
 
-__all__ = ["compare", "demo", "denoise", "draw", "reference", "render"]
+__all__ = ["compare", "demo", "denoise", "draw", "reference", "render", "write_page"]
 
 
 def render(options: argparse.Namespace) -> None:
@@ -65,7 +65,7 @@ def denoise(options: argparse.Namespace) -> None:
 
 
 def compare(options: argparse.Namespace) -> None:
-    """Runs the comparison, draws its figures and prints its table."""
+    """Runs the comparison, draws its figures, writes its page and prints its table."""
     _compare(compare_settings(options), options.output, options.reference)
 
 
@@ -85,18 +85,28 @@ def draw(options: argparse.Namespace) -> None:
         _say(str(path))
 
 
+def write_page(options: argparse.Namespace) -> None:
+    """Writes the page of a comparison again."""
+    from fovden.report import report_comparison  # noqa: PLC0415 - Jinja2, only where pages are written
+
+    _say(str(report_comparison(options.folder)))
+
+
 def _compare(settings: CompareSettings, folder: Path, reference: Path | None = None) -> None:
     from fovden.figures import draw_figures  # noqa: PLC0415
+    from fovden.report import report_comparison  # noqa: PLC0415
 
     compare_denoisers(settings, folder, reference=reference)
     figures = draw_figures(folder)
+    page = report_comparison(folder)
     _say(summary(read_metrics(folder)))
-    _say(f"\nLook at {figures[0]} first; the other figures lie beside it.")
+    _say(f"\nOpen {page} in a browser to flip between the images.")
+    _say(f"Look at {figures[0]} for an overview; the other figures lie beside it.")
     _say(f"All numbers: {folder / 'metrics.csv'}; settings and versions: config.json and provenance.json beside it.")
 
 
 def _save_picture(path: Path, radiance: Tensor, exposure: float) -> None:
-    save_png(path, color.display(radiance, exposure))
+    save_png(path, color.display(radiance, exposure), exposure=exposure)
     _say(f"{path}: exposure {exposure:.4g}, sRGB")
 
 

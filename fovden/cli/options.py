@@ -148,7 +148,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scene",
         metavar="SCENE",
-        help="a scene made in code (atrium, cornell_box) or an OBJ, glTF, GLB or PLY file in metres, y up",
+        help="a scene made in code (`fovden scenes` lists them) or an OBJ, glTF, GLB or PLY file in metres, y up",
     )
     light = parser.add_argument_group("light, in addition to the scene's own (a VALUE is a number or r,g,b)")
     light.add_argument(
@@ -183,16 +183,31 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         help="leave out faces whose material's name matches, for example '*glass*'; files only",
     )
     camera = parser.add_argument_group("camera, instead of the scene's own")
+    camera.add_argument("--view", metavar="NAME", help="one of the scene's other views; `fovden scenes` names them")
     camera.add_argument("--eye", type=_point_in_space, metavar="X,Y,Z", help="midway between the eyes, metres")
     camera.add_argument("--target", type=_point_in_space, metavar="X,Y,Z", help="point looked at, metres")
     camera.add_argument("--fov-x-deg", type=_number, metavar="DEG", help="horizontal field of view, degrees")
     camera.add_argument("--eye-separation", type=_number, metavar="M", help="distance between the eyes, metres")
-    camera.add_argument(
+    add_resolution(camera, default=FHD)
+
+
+def add_resolution(parser: argparse._ActionsContainer, default: tuple[int, int]) -> None:
+    """Adds the option that says how large an eye's image is.
+
+    Example:
+        >>> parser = argparse.ArgumentParser()
+        >>> add_resolution(parser, default=(32, 32))
+        >>> parser.parse_args(["--resolution", "fhd"]).resolution
+        (1080, 960)
+    """
+    named = [name for name, resolution in RESOLUTIONS.items() if resolution == default]
+    parser.add_argument(
         "--resolution",
         type=_resolution,
-        default=FHD,
+        default=default,
         metavar="HxW",
-        help="height x width of one eye in pixels, or fhd (1080x960) or quest2 (1920x1832); default: fhd",
+        help="height x width of one eye in pixels, or fhd (1080x960) or quest2 (1920x1832); "
+        f"default: {named[0] if named else f'{default[0]}x{default[1]}'}",
     )
 
 
@@ -227,6 +242,7 @@ def scene_settings(options: argparse.Namespace) -> SceneSettings:
         scene=options.scene,
         lights=tuple(options.lights or ()),
         skip_materials=tuple(options.skip_materials or ()),
+        view=options.view,
         eye=options.eye,
         target=options.target,
         fov_x_deg=options.fov_x_deg,

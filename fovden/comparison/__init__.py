@@ -8,6 +8,7 @@ must be judged at equal cost too.
 
 from fovden.comparison.methods import METHODS, Method, file_name
 from fovden.comparison.run import compare_denoisers
+from fovden.comparison.saved import SavedComparison, read_comparison
 from fovden.comparison.settings import PRESETS, CompareSettings, SceneSettings
 from fovden.comparison.summary import summary
 
@@ -16,8 +17,10 @@ __all__ = [
     "PRESETS",
     "CompareSettings",
     "Method",
+    "SavedComparison",
     "SceneSettings",
     "compare_denoisers",
     "file_name",
+    "read_comparison",
     "summary",
 ]

@@ -24,9 +24,11 @@ class SceneSettings:
     """Which scene is seen, in which light, from where.
 
     Attributes:
-        scene: Name of a procedural scene (``"atrium"``, ``"cornell_box"``) or path of an OBJ, glTF, GLB or PLY file.
+        scene: Name of a scene made in code (see :func:`fovden.tracer.make_scene`), or path of an OBJ, glTF, GLB or
+            PLY file.
         lights: Lights in addition to the scene's own.
         skip_materials: Patterns of names of materials that are left out, such as ``"*glass*"``; for files only.
+        view: Name of one of the scene's other views; ``None`` for its own camera.
         eye: Point midway between the eyes, metres; ``None`` for the scene's own camera.
         target: Point looked at, metres; ``None`` for the scene's own.
         fov_x_deg: Horizontal field of view in degrees; ``None`` for the scene's own.
@@ -42,6 +44,7 @@ class SceneSettings:
     scene: str = "atrium"
     lights: tuple[Light, ...] = ()
     skip_materials: tuple[str, ...] = ()
+    view: str | None = None
     eye: tuple[float, float, float] | None = None
     target: tuple[float, float, float] | None = None
     fov_x_deg: float | None = None
@@ -69,7 +72,7 @@ class SceneSettings:
         return scene, self._camera(scene)
 
     def _camera(self, scene: Scene) -> StereoCamera:
-        camera = scene.camera
+        camera = scene.camera if self.view is None else scene.view(self.view)
         if camera is None:
             given = self.eye is not None and self.target is not None
             require(given, "eye, target", (self.eye, self.target), f"two points, as {self.scene} has no camera")

@@ -44,7 +44,7 @@ def summary(measurements: Sequence[Measurement]) -> str:
     known = {row.metric: row.value for row in measurements if row.method == "Reference"}
     if known:
         text.append(
-            f"Mean of both eyes; RMSE, PSNR and SSIM after exposure {known['exposure']:.4g}, sRGB and clamp. "
+            f"Mean of both eyes; RMSE, PSNR, SSIM and FLIP after exposure {known['exposure']:.4g}, sRGB and clamp. "
             f"Reference: {known['samples']:.0f} samples per pixel, noise {known['standard_error']:.3g} (RMS)."
         )
         text.append("Seconds are medians; speed-ups compare paths (without the G-buffer) and the total with Base.")
@@ -79,6 +79,7 @@ def _columns(measurements: Sequence[Measurement]) -> list[Column]:
         ("PSNR", ".2f", plain("psnr")),
         ("SSIM", ".4f", plain("ssim")),
         *((f"SSIM {region}", ".4f", plain("ssim", region)) for region in regions),
+        ("FLIP", ".4f", plain("flip")),
         ("Mpaths", ".3f", plain("paths", scale=1e-6)),
         ("G-buffer s", ".3f", plain("seconds_gbuffer")),
         ("paths s", ".3f", plain("seconds_paths")),

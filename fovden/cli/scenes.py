@@ -1,0 +1,85 @@
+"""The scenes made in code: a list of them, and a picture of each from each of its views."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+from fovden import color
+from fovden.camera import Camera, StereoCamera
+from fovden.io import save_png
+from fovden.tracer import Scene, accumulate_reference, make_scene
+from fovden.tracer.procedural import SCENES
+
+__all__ = ["lights_of", "list_scenes", "views_of"]
+
+
+def list_scenes(options: argparse.Namespace) -> None:
+    """Prints the scenes with their counts, and writes a picture of each view of each.
+
+    Args:
+        options: ``scenes`` (names; none means all), ``detail``, ``seed``, ``list`` (whether to write no pictures),
+            ``spp``, ``resolution``, ``output``.
+
+    Raises:
+        ValueError: If there is no scene of a name, or it cannot have that many triangles.
+        OSError: If a picture cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> folder = Path(tempfile.mkdtemp())
+        >>> list_scenes(argparse.Namespace(
+        ...     scenes=["cornell_box"], detail=None, seed=0, list=False, spp=1, resolution=(16, 16), output=folder))
+        cornell_box: 38 triangles, 2 of them emissive; no other lights
+        >>> (folder / "cornell_box.png").is_file()
+        True
+    """
+    scenes = {name: make_scene(name, seed=options.seed, detail=options.detail) for name in options.scenes or SCENES}
+    if not options.list:
+        options.output.mkdir(parents=True, exist_ok=True)
+    for name, scene in scenes.items():
+        emissive = int((scene.materials.emission.sum(1) > 0)[scene.material_ids.long()].sum())
+        triangles = f"{scene.triangle_count:,} triangles" + (f", {emissive} of them emissive" if emissive else "")
+        sys.stdout.write(f"{name}: {triangles}; {lights_of(scene)}\n")
+        for view in scene.views:
+            sys.stdout.write(f"    --view {view}\n")
+        if options.list:
+            continue
+        for file_name, camera in views_of(name, scene).items():
+            path = options.output / file_name
+            _preview(path, scene, camera.at(options.resolution), options.spp, options.seed)
+            sys.stderr.write(f"  {path}\n")
+
+
+def lights_of(scene: Scene) -> str:
+    """Returns the kinds of a scene's lights, counted.
+
+    Example:
+        >>> lights_of(make_scene("cornell_box"))
+        'no other lights'
+    """
+    kinds = Counter(type(light).__name__.removesuffix("Light").lower() for light in scene.lights)
+    return ", ".join(f"{count} {kind} light{'s' * (count > 1)}" for kind, count in kinds.items()) or "no other lights"
+
+
+def views_of(name: str, scene: Scene) -> Mapping[str, StereoCamera]:
+    """Returns the scene's views by the names of their pictures; the default view has the scene's own name.
+
+    Example:
+        >>> list(views_of("cornell_box", make_scene("cornell_box")))
+        ['cornell_box.png']
+    """
+    others = {f"{name}_{view.replace(' ', '_')}.png": camera for view, camera in scene.views.items()}
+    return {f"{name}.png": scene.view(), **others}
+
+
+def _preview(path: Path, scene: Scene, camera: StereoCamera, spp: int, seed: int) -> None:
+    """The left eye's picture."""
+    eyes = camera.views
+    left = Camera(eyes.origin[:1], eyes.rotation[:1], eyes.bounds[:1], eyes.resolution)
+    image = accumulate_reference(scene, left, spp=spp, seed=seed, jitter=True).mean
+    exposure = color.exposure(image)
+    save_png(path, color.display(image, exposure), exposure=exposure)
