@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format notebooks clean
+.PHONY: help demo test test-slow lint format notebooks docs clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s  %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -35,6 +35,11 @@ notebooks: $(READY) ## write notebooks/*.ipynb from the scripts beside them, and
 	@$(BIN)/jupytext --quiet --update --to ipynb notebooks/*.py
 	@mkdir -p out/notebooks && cp notebooks/*.ipynb out/notebooks
 	@$(BIN)/jupyter-execute --inplace --kernel_name=python3 out/notebooks/*.ipynb
+
+docs: $(READY) ## build the documentation; NOTEBOOK=full runs its notebook at full size, which takes minutes
+	@$(if $(filter full,$(NOTEBOOK)),,FOVDEN_SMALL=1) $(BIN)/python -m sphinx -W --keep-going -q \
+	  -d out/docs-cache/pages docs out/docs
+	@echo "Open out/docs/index.html"
 
 clean: ## remove results, caches and builds; .venv stays
 	@rm -rf build dist out .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

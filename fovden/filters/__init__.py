@@ -3,10 +3,10 @@
 Every member obeys :class:`Denoiser`. To add one: write it in a file of its own, export it here, list it in
 ``tests/contracts/test_denoisers.py``, and name its source in its docstring.
 
-| Class | What it is |
-| --- | --- |
-| :class:`Atrous` | the edge-avoiding à-trous filter (Dammertz et al. 2010), steps in any order |
-| :class:`NonHomogeneousAtrous` | the same with its own passes and widths in each foveation layer (2023 paper) |
+=============================  ==================================================================================
+:class:`Atrous`                the edge-avoiding à-trous filter (Dammertz et al. 2010), steps in any order
+:class:`NonHomogeneousAtrous`  the same with its own passes and widths in each foveation layer (2023 paper)
+=============================  ==================================================================================
 """
 
 from fovden.filters.atrous import Atrous, atrous_pass

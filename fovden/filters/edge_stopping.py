@@ -1,8 +1,13 @@
 """The learnable widths of the edge-stopping functions, and how they change from pass to pass.
 
-A pass multiplies exp(-|c_p - c_q|^2 / sigma_radiance^2), exp(-|n_p - n_q|^2 / (step sigma_normal)^2) and
-exp(-|x_p - x_q|^2 / sigma_position^2). Each pass removes noise, so the next one may tell smaller differences of
-illumination apart: sigma_radiance shrinks, the widths of the geometry stay.
+A pass multiplies
+
+    exp(-|c_p - c_q|^2 / sigma_radiance^2),
+    exp(-|n_p - n_q|^2 / (step sigma_normal)^2) and
+    exp(-|x_p - x_q|^2 / sigma_position^2).
+
+Each pass removes noise, so the next one may tell smaller differences of illumination apart: sigma_radiance shrinks, the
+widths of the geometry stay.
 """
 
 from __future__ import annotations

@@ -63,14 +63,15 @@ def length_unit(depth: Tensor, hit: Tensor) -> Tensor:
 
 
 class GuidedDenoiser(Denoiser):
-    """A spatial denoiser that a G-buffer guides; a member of the family writes :meth:`filter` alone.
+    """A spatial denoiser that a G-buffer guides; a member of the family writes ``filter`` alone.
 
     The frame is brought into comparable units, filtered and brought back. With ``relative`` radiance is measured in
     the view's mean sampled luminance and position in its median hit depth, so that one set of widths serves every
     scene, exposure and unit of length. Both units are constants to the gradient.
 
-    A pixel that sees no surface has neither normal nor position. It is put :data:`MISS_DISTANCE` away, at one point
-    for all of them: background is filtered with background, and never with a surface, whatever the step.
+    A pixel that sees no surface has neither normal nor position. It is put
+    :data:`fovden.filters.guided.MISS_DISTANCE` away, at one point for all of them: background is filtered with
+    background, and never with a surface, whatever the step.
 
     With ``demodulate`` light without emission is divided by the albedo, filtered, and multiplied again, so that
     textures survive; emission is added afterwards as it was. A pixel without samples has no emission of its own and

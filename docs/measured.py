@@ -1,0 +1,222 @@
+"""Tables of the documentation that are made from measurements, when the pages are built.
+
+A page names the folder of a run; the directives read its ``metrics.csv``, ``config.json`` and ``provenance.json``
+(:mod:`fovden.results`), so that no number on a page is typed by hand.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+from fovden.results import Measurement, read_config, read_metrics
+
+SOURCES = ("metrics.csv", "config.json", "provenance.json")
+TITLES = {
+    "rmse": "RMSE",
+    "psnr": "PSNR",
+    "ssim": "SSIM",
+    "flip": "FLIP",
+    "relative_mse": "relative MSE",
+    "smape": "SMAPE",
+}
+DIGITS = {"psnr": 2}
+KINDS = {"primary": "camera, closest hit", "bounce": "diffuse bounce, closest hit", "shadow": "shadow, any hit"}
+
+
+class Measured(SphinxDirective):
+    """A table of a run, and the line that says where the numbers come from."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Returns the table and the line below it."""
+        folder = (Path(self.env.doc2path(self.env.docname)).parent / self.arguments[0]).resolve()
+        for name in SOURCES:
+            self.env.note_dependency(str(folder / name))
+        try:
+            measurements, config = read_metrics(folder), read_config(folder)
+        except (OSError, ValueError) as error:
+            raise self.error(str(error)) from error
+        header, rows = self.table(measurements)
+        return [_table(header, rows), _note(self.note(measurements, config) + _machine(folder))]
+
+    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
+        """Returns the titles of the columns, and the rows."""
+        raise NotImplementedError
+
+    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
+        """Returns what was measured, in a sentence."""
+        raise NotImplementedError
+
+
+class Comparison(Measured):
+    """The table of a comparison of denoisers: the mean over the views of each metric, and costs relative to Base."""
+
+    option_spec = {"metrics": directives.unchanged, "costs": directives.flag}  # noqa: RUF012 - docutils' way
+
+    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
+        """Returns one row for each method."""
+        mean = _mean(measurements)
+        layers = sorted({row.region for row in measurements if row.region.startswith("layer") and row.metric == "ssim"})
+        wanted = self.options.get("metrics", "rmse flip psnr ssim").split()
+        columns: list[tuple[str, Callable[[str], str]]] = []
+
+        def add(title: str, metric: str, region: str) -> None:
+            style = f".{DIGITS.get(metric, 4)}f"
+            if any((row.metric, row.region) == (metric, region) for row in measurements):
+                columns.append((title, lambda method: _formatted(mean(method, metric, region), style)))
+
+        if "costs" in self.options:
+            columns += [
+                ("million paths", lambda method: _formatted(mean(method, "paths", "whole"), ".2f", 1e-6)),
+                ("paths, s", lambda method: _formatted(mean(method, "seconds_paths", "whole"), ".2f")),
+                ("denoiser, s", lambda method: _formatted(mean(method, "seconds_denoise", "whole"), ".2f")),
+                ("in all, s", lambda method: _formatted(mean(method, "seconds_total", "whole"), ".2f")),
+            ]
+        else:
+            for metric in wanted:
+                add(TITLES[metric], metric, "whole")
+            for layer in layers:
+                add(f"SSIM {layer}", "ssim", layer)
+        methods = dict.fromkeys(row.method for row in measurements if row.metric in ("rmse", "paths"))
+        return ["method", *(title for title, _ in columns)], [
+            [method, *(value(method) for _, value in columns)] for method in methods
+        ]
+
+    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
+        """Returns scene, resolution, samples and the reference's noise."""
+        height, width = config["view"]["resolution"]
+        known = {row.metric: row.value for row in measurements if row.method == "Reference"}
+        light = "light without albedo (demodulate)" if config["demodulate"] else "radiance as it is"
+        return (
+            f"{config['view']['scene']}, {width} x {height} pixels per eye, {config['spp']} samples in each traced "
+            f"pixel; the denoisers filter {light}. Reference: {known['samples']:.0f} samples per pixel, standard "
+            f"error {known['standard_error']:.2g}. RMSE, PSNR and SSIM after exposure {known['exposure']:.3g}, the "
+            "sRGB curve and a clamp to [0, 1]; means of both eyes. "
+        )
+
+
+class Rays(Measured):
+    """The table of ``benchmarks/rays.py``: rays a second, and how they compare with Embree's in the same rounds."""
+
+    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
+        """Returns one row for each kind of rays."""
+        header = ["rays", "number", "fovden, M/s", "Embree, M/s", "ratio", "lowest to highest", "ratio, all outputs"]
+        rows = []
+        for kind, title in KINDS.items():
+            count = next(row.value for row in measurements if (row.region, row.metric) == (kind, "rays"))
+            own, triangle, everything = (
+                [r.value for r in measurements if (r.method, r.region, r.metric) == (method, kind, "seconds")]
+                for method in ("fovden", "embreex, triangle", "embreex, all")
+            )
+            ratios = _ratios(triangle, own)
+            rows.append([
+                title,
+                f"{count:,.0f}",
+                f"{count / statistics.median(own) / 1e6:.2f}",
+                f"{count / statistics.median(triangle) / 1e6:.2f}",
+                f"{statistics.median(ratios):.2f}",
+                f"{min(ratios):.2f} to {max(ratios):.2f}",
+                f"{statistics.median(_ratios(everything, own)):.2f}" if everything else "",
+            ])  # fmt: skip
+        return header, rows
+
+    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
+        """Returns scene, rounds and the time to build."""
+        triangles = next(row.value for row in measurements if row.metric == "triangles")
+        built = {row.method: row.value for row in measurements if row.region == "build"}
+        return (
+            f"{measurements[0].scene}, {triangles:,.0f} triangles; medians of {config['repeats']} rounds, ratios "
+            f"within each round, above 1 where fovden is faster. Building took {built['fovden']:.2f} s, Embree "
+            f"{built['embreex']:.2f} s. embreex {config['embreex']}; one thread each. "
+        )
+
+
+class Flip(Measured):
+    """The table of ``benchmarks/metrics.py``: FLIP's time and error maps beside those of its authors' evaluator."""
+
+    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
+        """Returns one row for each kind of FLIP."""
+        header = ["FLIP", "fovden, s", "evaluator, s", "ratio", "lowest to highest", "largest difference of the maps"]
+        rows = []
+        for kind in dict.fromkeys(row.region for row in measurements):
+            own, theirs = (
+                [r.value for r in measurements if (r.method, r.region, r.metric) == (method, kind, "seconds")]
+                for method in ("fovden", "evaluator")
+            )
+            ratios = _ratios(theirs, own)
+            rows.append([
+                kind,
+                f"{statistics.median(own):.2f}",
+                f"{statistics.median(theirs):.2f}",
+                f"{statistics.median(ratios):.2f}",
+                f"{min(ratios):.2f} to {max(ratios):.2f}",
+                next(f"{r.value:.1e}" for r in measurements if (r.region, r.metric) == (kind, "largest difference")),
+            ])  # fmt: skip
+        return header, rows
+
+    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
+        """Returns scene, resolution and rounds."""
+        height, width = config["resolution"]
+        return (
+            f"{measurements[0].scene}, both eyes of {width} x {height} pixels; medians of {config['repeats']} rounds, "
+            f"ratios within each round, above 1 where fovden is faster. flip-evaluator {config['flip-evaluator']}; one "
+            "thread each. "
+        )
+
+
+def _mean(measurements: Sequence[Measurement]) -> Callable[[str, str, str], float | None]:
+    """A function from method, metric and region to the mean over the views; ``None`` where nothing was measured."""
+
+    def mean(method: str, metric: str, region: str) -> float | None:
+        found = [row.value for row in measurements if (row.method, row.metric, row.region) == (method, metric, region)]
+        return statistics.fmean(found) if found else None
+
+    return mean
+
+
+def _formatted(value: float | None, style: str, scale: float = 1.0) -> str:
+    return "" if value is None else format(value * scale, style)
+
+
+def _ratios(theirs: Iterable[float], own: Iterable[float]) -> list[float]:
+    return [a / b for a, b in zip(theirs, own, strict=False)]
+
+
+def _machine(folder: Path) -> str:
+    """Processor, threads and versions of a run."""
+    provenance = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    versions, threads = provenance["versions"], provenance["threads"]
+    return (
+        f"Measured on {provenance['device']} with {threads} thread{'s' if threads > 1 else ''}; fovden "
+        f"{versions['fovden']}, torch {versions['torch']}, numba {versions['numba']}."
+    )
+
+
+def _note(text: str) -> nodes.paragraph:
+    return nodes.paragraph("", text, classes=["measured"])
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> nodes.table:
+    group = nodes.tgroup("", *(nodes.colspec(colwidth=1) for _ in header), cols=len(header))
+    for part, lines in ((nodes.thead, [header]), (nodes.tbody, rows)):
+        cells = [[nodes.entry("", nodes.paragraph("", cell)) for cell in line] for line in lines]
+        group += part("", *(nodes.row("", *line) for line in cells))
+    return nodes.table("", group, classes=["measured"])
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Registers the directives."""
+    app.add_directive("measured-comparison", Comparison)
+    app.add_directive("measured-rays", Rays)
+    app.add_directive("measured-flip", Flip)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
