@@ -16,6 +16,7 @@ worker of PyTorch's ``DataLoader``, which is given one thread, needs none.
 from __future__ import annotations
 
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -34,6 +35,7 @@ Progress: TypeAlias = Callable[[int], object] | bool | None
 
 REPORT_EVERY = 0.1  # seconds between two reports: below what the eye follows, above what a report costs
 BAR_AFTER = 1.0  # seconds before a bar appears: shorter runs stay silent
+LOG_EVERY = 10.0  # seconds between the lines of a bar that no terminal shows
 
 
 def run(
@@ -142,10 +144,12 @@ def reporting(
 
 
 class _Bar:
-    """A progress bar on standard error, once its work has lasted a second."""
+    """A progress bar on standard error, once its work has lasted a second; in a log it is written seldom."""
 
     def __init__(self, total: int, description: str | None, unit: str) -> None:
-        self.options = {"total": total, "desc": description, "unit": unit, "miniters": 1, "dynamic_ncols": True}
+        seconds = REPORT_EVERY if sys.stderr.isatty() else LOG_EVERY
+        self.options = {"total": total, "desc": description, "unit": unit, "miniters": 1, "mininterval": seconds}
+        self.options["dynamic_ncols"] = True
         self.started = time.monotonic()
         self.bar: Any = None
 

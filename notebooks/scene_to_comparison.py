@@ -25,7 +25,7 @@ import torch
 from matplotlib import pyplot as plt
 
 from fovden import color, metrics
-from fovden.figures import error_map
+from fovden.figures import contact_sheet
 from fovden.filters import NonHomogeneousAtrous
 from fovden.foveation import Gaze, ThreeLayer, sample_map
 from fovden.tracer import accumulate_reference, make_scene, trace_frame, trace_gbuffer
@@ -34,28 +34,19 @@ small = "FOVDEN_SMALL" in os.environ
 
 # %% [markdown]
 # A scene has triangles, materials, lights and a camera. The camera is a pair of eyes; the resolution is that of one.
+# Scenes, G-buffers, sample maps and frames show themselves.
 
 # %%
 scene = make_scene("cornell_box" if small else "atrium")
 camera = scene.camera.at(resolution=(64, 64) if small else (540, 480))
-print(f"{scene.name}: {scene.triangle_count:,} triangles; eyes {camera.eye_separation * 1000:.0f} mm apart")
+scene
 
 # %% [markdown]
 # The G-buffer is what each eye sees, free of noise: the guides of the filter. Images are `(views, channels, height,
-# width)`, the left eye first; here the left eye's albedo, normal and depth.
+# width)`, the left eye first.
 
 # %%
-gbuffer = trace_gbuffer(scene, camera)
-_, panels = plt.subplots(1, 3, figsize=(12, 4.5), layout="constrained")
-guides = {
-    "albedo": color.linear_to_srgb(gbuffer.albedo[0]),
-    "normal": gbuffer.normal[0] / 2 + 0.5,
-    "depth / largest": (gbuffer.depth[0] / gbuffer.depth[0].max()).expand(3, -1, -1),
-}
-for panel, (name, image) in zip(panels, guides.items(), strict=True):
-    panel.imshow(image.permute(1, 2, 0))
-    panel.set_title(name)
-    panel.axis("off")
+trace_gbuffer(scene, camera)
 
 # %% [markdown]
 # Foveation says how many samples a pixel gets: all pixels near the gaze, then ever fewer, then every other one.
@@ -65,6 +56,7 @@ gaze = Gaze.center(camera)
 samples = sample_map(ThreeLayer(), camera, gaze=gaze, spp=4, seed=0)
 pixels = 2 * camera.resolution[0] * camera.resolution[1]
 print(f"radii {samples.radii} pixels; {samples.paths:,} paths, {4 * pixels / samples.paths:.2f} times fewer than all")
+samples
 
 # %% [markdown]
 # Two frames of the same scene, with the same seed: every pixel traced, and only the listed ones.
@@ -72,6 +64,7 @@ print(f"radii {samples.radii} pixels; {samples.paths:,} paths, {4 * pixels / sam
 # %%
 full = trace_frame(scene, camera, 4, seed=0)
 foveated = trace_frame(scene, camera, samples, seed=0)
+foveated
 
 # %% [markdown]
 # Denoisers are plain modules that fold a frame into an image. Base filters every pixel alike; NH3LD uses 3, 4 and 5
@@ -102,22 +95,29 @@ comparison = metrics.compare(images, reference, layer=foveated.layer)
 print(comparison)
 
 # %% [markdown]
-# The left eye, and below it how far each image is from the reference, all on one scale.
+# All images of the left eye at one exposure, that of the reference.
 
 # %%
-_, panels = plt.subplots(2, len(images), figsize=(3.2 * len(images), 7.5), layout="constrained")
-for (above, below), (name, image) in zip(panels.T, images.items(), strict=True):
-    above.imshow(color.display(image[0], comparison.exposure).permute(1, 2, 0))
-    above.set_title(name)
-    errors = below.imshow(error_map(image, reference.mean, comparison.exposure)[0, 0], cmap="magma", vmin=0, vmax=0.3)
-    above.axis("off")
-    below.axis("off")
-bar = plt.colorbar(errors, ax=panels, shrink=0.6, extend="max")
-bar.set_label("RMS difference of display values")
+contact_sheet({name: image[:1] for name, image in (images | {"Reference": reference.mean}).items()}, columns=3)
+
+# %% [markdown]
+# And where each differs from the reference, as FLIP sees it: how much a viewer notices when the two alternate.
+
+# %%
+shown = color.display(reference.mean, comparison.exposure)
+_, panels = plt.subplots(1, len(images), figsize=(3.2 * len(images), 4), layout="constrained")
+for panel, (name, image) in zip(panels, images.items(), strict=True):
+    flip = metrics.flip_map(color.display(image, comparison.exposure), shown)
+    errors = panel.imshow(flip[0, 0], cmap="magma", vmin=0, vmax=1)
+    panel.set_title(f"{name}: {comparison.value(name, 'flip'):.3f}")
+    panel.axis("off")
+bar = plt.colorbar(errors, ax=panels, shrink=0.8)
+bar.set_label("FLIP")
 
 # %% [markdown]
 # The answer is yes: with fewer paths than the full noisy frame, the foveated one is closer to the reference once it is
-# denoised, and more similar to it.
+# denoised, and more similar to it. `fovden.report.write_report("report.html", images, reference)` makes a page of all
+# this, in which to flip between the images, zoom, and read pixels.
 
 # %%
 assert samples.paths < 4 * pixels / 1.5

@@ -11,8 +11,8 @@ from repository import MODULES, ROOT
 HEAVY = {"kornia", "matplotlib", "mpl_toolkits", "skimage", "tqdm", "trimesh"}
 ON_DEMAND = {"fovden.figures": {"matplotlib", "mpl_toolkits"}}  # packages that others import inside functions only
 
-# One process loads what takes long, then forks children that each import one module. Whatever is imported from a package
-# begins with the package itself, so a module that the package's own import brings along has been tried with it.
+# One process loads what takes long, then forks children that each import one module. Whatever is imported from a
+# package begins with the package itself, so a module that the package's own import brings along has been tried with it.
 IMPORT_EACH = """
 import json, os, sys, traceback
 import numba, torch

@@ -89,7 +89,8 @@ def test_it_opens_offline_and_requests_nothing(browser, url):
     browser.get_log("performance")
     open_page(browser, url)
     events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    requests = [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
+    sent = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
+    requests = [request["request"]["url"] for request in sent if request["documentURL"] == url]  # not the start page's
     assert [request for request in requests if not request.startswith(("data:", "blob:"))] == [url]
     assert browser.get_log("browser") == []
     assert browser.title == "<i>Title</i>"
