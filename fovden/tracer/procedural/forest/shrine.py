@@ -111,13 +111,15 @@ def roof(detail: Detail) -> tuple[Patch, Patch, Patch]:
     """Returns the roof: shingles in courses, the boards under them, and the finial.
 
     Each of the four sides is a concave slope whose eaves rise towards the corners. A course ends in a lip that shows
-    the shingles' thickness.
+    the shingles' thickness. It is made at most twice as fine as drawn: the slopes bend so gently that beyond it they
+    would be split into parts that are flat.
 
     Example:
         >>> shingles, soffit, finial = roof(Detail())
         >>> bool(shingles.vertices[:, 1].max() < finial.vertices[:, 1].max())
         True
     """
+    detail = detail.at_most(2.0)
     courses, columns = detail.segments(11, least=1), 2 * detail.segments(6)
     up = np.linspace(0, 1, courses + 1)
     down = np.repeat(up, 2)[1:-1]

@@ -48,8 +48,8 @@ def surfaces(seed: int) -> dict[str, Surface]:
         textured("toadstool", plants.cap(rng, (0.68, 0.13, 0.09), (0.88, 0.84, 0.76))),
         Surface(Material("mushroom stem", (0.52, 0.46, 0.36))),
         Surface(Material("bib", (0.52, 0.05, 0.04))),
-        Surface(Material("iron", (0.055, 0.05, 0.047))),
+        Surface(Material("iron", (0.028, 0.026, 0.025))),
         Surface(Material("cord", (0.20, 0.15, 0.10))),
-        Surface(Material("wax", (0.72, 0.66, 0.52))),
+        Surface(Material("wax", (0.20, 0.03, 0.02))),
     ]
     return {surface.material.name: surface for surface in made}

@@ -189,8 +189,10 @@ def torus(radius: float, thickness: float, around: int, across: int) -> Patch:
 def turned(profile: ArrayLike, detail: Detail, segments: int = 20) -> Patch:
     """Returns turned wood, metal or clay: a surface of revolution through a smoothed profile.
 
-    The profile's points are the corners that a turner would mark; between them the radius follows a Catmull-Rom curve,
-    which is as fine as the detail has it.
+    The profile's points are the corners that a turner would mark; between them runs a cubic curve, as fine as the
+    detail has it. Its slopes are the mean of those on both sides, held so small that neither radius nor height leaves
+    the range of the two corners (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980): a rim would
+    fold over otherwise.
 
     Args:
         profile: Radius and height (r, y) in metres from bottom to top, shape (n, 2).
@@ -205,17 +207,17 @@ def turned(profile: ArrayLike, detail: Detail, segments: int = 20) -> Patch:
         160
     """
     points = np.asarray(profile, dtype=float)
-    padded = np.concatenate([2 * points[:1] - points[1:2], points, 2 * points[-1:] - points[-2:-1]])
+    steps = np.diff(points, axis=0)
+    before, after = steps[[0, *range(len(steps))]], steps[[*range(len(steps)), -1]]
+    least = 3 * np.minimum(np.abs(before), np.abs(after))
+    slopes = np.where(before * after > 0, np.clip((before + after) / 2, -least, least), 0.0)
     rows = detail.segments(3)
     s = np.arange(rows)[:, None] / rows
-    curve = []
-    for i in range(1, len(padded) - 2):
-        before, a, b, after = padded[i - 1 : i + 3]
-        ends = (1 + 2 * s) * (1 - s) ** 2 * a + s**2 * (3 - 2 * s) * b
-        curve.append(ends + s * (1 - s) ** 2 * (b - before) / 2 - s**2 * (1 - s) * (after - a) / 2)
+    curve = [
+        (1 + 2 * s) * (1 - s) ** 2 * a + s**2 * (3 - 2 * s) * b + s * (1 - s) ** 2 * start - s**2 * (1 - s) * end
+        for a, b, start, end in zip(points, points[1:], slopes, slopes[1:], strict=False)
+    ]
     line = np.concatenate([*curve, points[-1:]])
-    line[:, 0] = np.maximum(line[:, 0], 0.0)
-    line[:, 1] = np.clip(line[:, 1], points[:, 1].min(), points[:, 1].max())
     return lathe(bent(line), detail.segments(segments, least=4))
 
 

@@ -70,7 +70,7 @@ def surfaces(rng: np.random.Generator) -> dict[str, Surface]:
         textured("porcelain", stone.marble(rng, (0.93, 0.91, 0.90), (0.45, 0.52, 0.68)), 0.5),
         textured("terracotta", stone.terracotta(rng, (0.80, 0.56, 0.46)), 0.4),
         textured("meadow", pictures.meadow(rng, (0.62, 0.72, 0.44), (0.42, 0.55, 0.32), (0.95, 0.82, 0.86)), 5.0),
-        textured("shade", cloth.woven(rng, (0.95, 0.85, 0.80), (0.93, 0.80, 0.75), 24), 0.06),
+        textured("shade", cloth.woven(rng, (0.52, 0.27, 0.28), (0.46, 0.22, 0.24), 24), 0.06),
         Surface(Material("brass", (0.60, 0.43, 0.18))),
         Surface(Material("gold cord", (0.68, 0.48, 0.20))),
         Surface(Material("gilt", (0.64, 0.46, 0.20))),
