@@ -88,16 +88,11 @@ reference = accumulate_reference(scene, camera, spp=64 if small else 256, seed=0
 print(f"{reference.count} samples per pixel, standard error {reference.standard_error.mean():.4f} on average")
 
 # %% [markdown]
-# Every metric, over the whole image and in each layer; the exposure is the reference's.
+# Every metric, over the whole image and in each layer, and the images of the left eye; the exposure is the reference's.
 
 # %%
 comparison = metrics.compare(images, reference, layer=foveated.layer)
 print(comparison)
-
-# %% [markdown]
-# All images of the left eye at one exposure, that of the reference.
-
-# %%
 contact_sheet({name: image[:1] for name, image in (images | {"Reference": reference.mean}).items()}, columns=3)
 
 # %% [markdown]

@@ -11,8 +11,8 @@ from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.patch import face_normals
 from fovden.tracer.procedural.pink_room import plan, wool
 from fovden.tracer.procedural.pink_room.books import book
-from fovden.tracer.procedural.pink_room.forms import bent
 from fovden.tracer.procedural.pink_room.furnishing import furnish
+from fovden.tracer.procedural.pink_room.turning import bent
 
 
 def pink_room() -> Scene:

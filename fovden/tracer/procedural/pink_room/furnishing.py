@@ -22,7 +22,7 @@ from fovden.tracer.procedural.pink_room import (
     window,
     wool,
 )
-from fovden.tracer.procedural.pink_room.forms import disc, turned
+from fovden.tracer.procedural.pink_room.turning import disc, turned
 from fovden.tracer.procedural.primitives import tube
 
 __all__ = ["furnish"]

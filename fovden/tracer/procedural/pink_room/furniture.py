@@ -6,8 +6,8 @@ import numpy as np
 
 from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.patch import Patch, join
-from fovden.tracer.procedural.pink_room.forms import disc, turned
 from fovden.tracer.procedural.pink_room.shell import curved
+from fovden.tracer.procedural.pink_room.turning import disc, turned
 from fovden.tracer.procedural.primitives import box, grid, lathe, mitred, quad, ring_corners
 
 __all__ = ["CASE", "SHELVES", "bookcase", "coffee_table", "painting", "tablecloth"]

@@ -8,7 +8,8 @@ import numpy as np
 
 from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.patch import Patch, join
-from fovden.tracer.procedural.pink_room.forms import ball, sheets, stretched, torus, turned
+from fovden.tracer.procedural.pink_room.forms import sheets, stretched
+from fovden.tracer.procedural.pink_room.turning import ball, torus, turned
 from fovden.tracer.procedural.primitives import lathe, tube
 
 __all__ = ["chandelier", "shade", "standard_lamp", "table_lamp"]

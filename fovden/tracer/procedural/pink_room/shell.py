@@ -9,8 +9,9 @@ import numpy as np
 from fovden.tracer.procedural.atrium.arcade import door_leaf, wall_with_opening
 from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.patch import Array, Patch, join
-from fovden.tracer.procedural.pink_room.forms import ball, bent, stretched, turned
+from fovden.tracer.procedural.pink_room.forms import stretched
 from fovden.tracer.procedural.pink_room.plan import CHAIR_RAIL, CORNICE, DOOR, HALF_X, HALF_Z, HEIGHT, ROSE, WINDOW
+from fovden.tracer.procedural.pink_room.turning import ball, bent, turned
 from fovden.tracer.procedural.primitives import box, bridge, grid, mitred, quad, ring_corners
 
 __all__ = ["curved", "shell"]

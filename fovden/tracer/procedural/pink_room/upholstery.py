@@ -12,17 +12,8 @@ import numpy as np
 
 from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.patch import Array, Patch, join
-from fovden.tracer.procedural.pink_room.forms import (
-    ball,
-    bent,
-    cushion,
-    draped,
-    pillow,
-    pillow_edge,
-    stretched,
-    turned,
-    without_slivers,
-)
+from fovden.tracer.procedural.pink_room.forms import cushion, draped, pillow, pillow_edge, stretched, without_slivers
+from fovden.tracer.procedural.pink_room.turning import ball, bent, turned
 from fovden.tracer.procedural.primitives import arc_lengths, box, bridge, grid, tube
 
 __all__ = ["ARM_RADIUS", "ARM_TOP", "arm_section", "daybed", "scatter_cushion", "seat", "seat_section"]

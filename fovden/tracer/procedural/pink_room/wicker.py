@@ -6,7 +6,8 @@ import numpy as np
 
 from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.patch import Patch, join
-from fovden.tracer.procedural.pink_room.forms import disc, strands
+from fovden.tracer.procedural.pink_room.forms import strands
+from fovden.tracer.procedural.pink_room.turning import disc
 from fovden.tracer.procedural.primitives import grid, tube
 
 __all__ = ["basket"]

@@ -11,9 +11,10 @@ import numpy as np
 
 from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.patch import Array, Patch, join
-from fovden.tracer.procedural.pink_room.forms import stretched, torus, turned
+from fovden.tracer.procedural.pink_room.forms import stretched
 from fovden.tracer.procedural.pink_room.plan import WINDOW
 from fovden.tracer.procedural.pink_room.shell import CASING, curved
+from fovden.tracer.procedural.pink_room.turning import torus, turned
 from fovden.tracer.procedural.primitives import grid, lathe, mitred, quad, ring_corners, tube
 
 __all__ = ["curtains", "hillside", "radiator", "window"]

@@ -6,8 +6,9 @@ import numpy as np
 
 from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.patch import Array, Patch, join
-from fovden.tracer.procedural.pink_room.forms import ball, sheets, strands, stretched
+from fovden.tracer.procedural.pink_room.forms import sheets, strands, stretched
 from fovden.tracer.procedural.pink_room.plan import RUG, RUG_HALF
+from fovden.tracer.procedural.pink_room.turning import ball
 from fovden.tracer.procedural.primitives import quad
 
 __all__ = ["PILE", "fringe", "knitting", "pouf", "rug", "rug_ground", "throw", "yarn_ball"]
