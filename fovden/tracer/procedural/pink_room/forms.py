@@ -132,6 +132,7 @@ def stretched(patch: Patch, scales: ArrayLike) -> Patch:
     """Returns a patch stretched along the axes, its normals those of the stretched surface.
 
     Example:
+        >>> from fovden.tracer.procedural.pink_room.turning import ball
         >>> stretched(ball(1.0, 8, 8), (1.0, 2.0, 1.0)).vertices[:, 1].max().round(3)
         np.float64(2.0)
     """
