@@ -6,8 +6,8 @@ A page names the folder of a run; the directives read its ``metrics.csv``, ``con
 
 from __future__ import annotations
 
-import json
 import statistics
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,22 +17,14 @@ from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from fovden.results import Measurement, read_config, read_metrics
+from fovden.metrics import METRICS, PIXELS_PER_DEGREE
+from fovden.results import Measurement, read_config, read_metrics, read_provenance
 
 SOURCES = ("metrics.csv", "config.json", "provenance.json")
-TITLES = {
-    "rmse": "RMSE",
-    "psnr": "PSNR",
-    "ssim": "SSIM",
-    "flip": "FLIP",
-    "relative_mse": "relative MSE",
-    "smape": "SMAPE",
-}
-DIGITS = {"psnr": 2}
 KINDS = {"primary": "camera, closest hit", "bounce": "diffuse bounce, closest hit", "shadow": "shadow, any hit"}
 
 
-class Measured(SphinxDirective):
+class Measured(SphinxDirective, ABC):
     """A table of a run, and the line that says where the numbers come from."""
 
     required_arguments = 1
@@ -49,13 +41,13 @@ class Measured(SphinxDirective):
         header, rows = self.table(measurements)
         return [_table(header, rows), _note(self.note(measurements, config) + _machine(folder))]
 
+    @abstractmethod
     def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
         """Returns the titles of the columns, and the rows."""
-        raise NotImplementedError
 
+    @abstractmethod
     def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
         """Returns what was measured, in a sentence."""
-        raise NotImplementedError
 
 
 class Comparison(Measured):
@@ -71,7 +63,7 @@ class Comparison(Measured):
         columns: list[tuple[str, Callable[[str], str]]] = []
 
         def add(title: str, metric: str, region: str) -> None:
-            style = f".{DIGITS.get(metric, 4)}f"
+            style = METRICS[metric].format
             if any((row.metric, row.region) == (metric, region) for row in measurements):
                 columns.append((title, lambda method: _formatted(mean(method, metric, region), style)))
 
@@ -84,7 +76,7 @@ class Comparison(Measured):
             ]
         else:
             for metric in wanted:
-                add(TITLES[metric], metric, "whole")
+                add(METRICS[metric].title, metric, "whole")
             for layer in layers:
                 add(f"SSIM {layer}", "ssim", layer)
         methods = dict.fromkeys(row.method for row in measurements if row.metric in ("rmse", "paths"))
@@ -100,8 +92,8 @@ class Comparison(Measured):
         return (
             f"{config['view']['scene']}, {width} x {height} pixels per eye, {config['spp']} samples in each traced "
             f"pixel; the denoisers filter {light}. Reference: {known['samples']:.0f} samples per pixel, standard "
-            f"error {known['standard_error']:.2g}. RMSE, PSNR and SSIM after exposure {known['exposure']:.3g}, the "
-            "sRGB curve and a clamp to [0, 1]; means of both eyes. "
+            f"error {known['standard_error']:.2g}. RMSE, PSNR, SSIM and FLIP (at {PIXELS_PER_DEGREE:.3g} pixels per "
+            f"degree) after exposure {known['exposure']:.3g}, the sRGB curve and a clamp; means of both eyes. "
         )
 
 
@@ -189,12 +181,12 @@ def _formatted(value: float | None, style: str, scale: float = 1.0) -> str:
 
 
 def _ratios(theirs: Iterable[float], own: Iterable[float]) -> list[float]:
-    return [a / b for a, b in zip(theirs, own, strict=False)]
+    return [a / b for a, b in zip(theirs, own, strict=True)]
 
 
 def _machine(folder: Path) -> str:
     """Processor, threads and versions of a run."""
-    provenance = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    provenance = read_provenance(folder)
     versions, threads = provenance["versions"], provenance["threads"]
     return (
         f"Measured on {provenance['device']} with {threads} thread{'s' if threads > 1 else ''}; fovden "

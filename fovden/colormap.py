@@ -36,7 +36,8 @@ MAGMA = torch.tensor(list(bytes.fromhex(_HEXADECIMAL)), dtype=torch.uint8).resha
 """The 256 colours of the map from 0 to 1, sRGB, shape (256, 3), uint8."""
 
 NO_VALUE = (0, 255, 255)
-"""Colour of a pixel without a value, NaN: cyan, which no entry of the map comes near."""
+"""Signal colour of what is not a number, in images and in error maps, sRGB levels: cyan, which renderings hardly ever
+contain and no entry of the map comes near."""
 
 
 def apply(values: Tensor) -> Tensor:

@@ -387,4 +387,4 @@ def _not_finite(record: Record) -> dict[str, str]:
         if isinstance(value, Tensor) and value.is_floating_point():
             numbers[field.name] = int((~torch.isfinite(value)).sum())
     found = ", ".join(f"{number:,} in {name}" for name, number in numbers.items() if number)
-    return {"not finite": f"{found} (magenta above)"} if found else {}
+    return {"not finite": f"{found} (cyan above)"} if found else {}

@@ -19,9 +19,9 @@ from torch import Tensor
 
 from fovden import color
 from fovden.checks import require, require_integer, require_number, require_shapes
+from fovden.colormap import NO_VALUE
 
 __all__ = [
-    "NOT_FINITE",
     "THUMBNAIL",
     "Picture",
     "card",
@@ -37,9 +37,6 @@ __all__ = [
 ]
 
 Owner = TypeVar("Owner")
-
-NOT_FINITE = (255, 0, 255)
-"""Signal colour of what is not a finite number, sRGB levels: magenta, which renderings hardly ever contain."""
 
 THUMBNAIL = 160
 """Longer side of a thumbnail in pixels. Ours: four of pure noise, at a byte per pixel, take 137 kB of HTML."""
@@ -69,7 +66,7 @@ def to_levels(image: Tensor) -> Tensor:
     """Returns the 8-bit levels of display-encoded views, side by side with the first on the left.
 
     ``floor(255 x + 1/2)`` of values clamped to [0, 1]; a pixel with a channel that is no finite number gets the signal
-    colour :data:`NOT_FINITE`.
+    colour :data:`fovden.colormap.NO_VALUE`.
 
     Args:
         image: Display-encoded colour, shape (v, 3, h, w).
@@ -82,13 +79,13 @@ def to_levels(image: Tensor) -> Tensor:
 
     Example:
         >>> to_levels(torch.tensor([0.0, 0.5, float("nan")]).expand(1, 3, 1, 3)).tolist()
-        [[[0, 0, 0], [128, 128, 128], [255, 0, 255]]]
+        [[[0, 0, 0], [128, 128, 128], [0, 255, 255]]]
     """
     require_shapes("v 3 h w", image=image)
     values = image.detach().cpu().double()
     finite = torch.isfinite(values).all(1)[..., None]
     levels = torch.floor(values.nan_to_num().clamp(0, 1) * 255 + 0.5).to(torch.uint8).permute(0, 2, 3, 1)
-    levels = torch.where(finite, levels, torch.tensor(NOT_FINITE, dtype=torch.uint8))
+    levels = torch.where(finite, levels, torch.tensor(NO_VALUE, dtype=torch.uint8))
     views, height, width, _ = levels.shape
     return levels.transpose(0, 1).reshape(height, views * width, 3).contiguous()
 
@@ -355,7 +352,7 @@ def _with_palette(picture: Any, levels: Tensor) -> Any:
     reduced = picture.quantize(255, dither=Image.Dither.NONE)
     palette = (reduced.getpalette() or [])[: 255 * 3]
     indices = np.asarray(reduced).copy()
-    indices[(levels.cpu() == torch.tensor(NOT_FINITE, dtype=torch.uint8)).all(-1).numpy()] = 255
+    indices[(levels.cpu() == torch.tensor(NO_VALUE, dtype=torch.uint8)).all(-1).numpy()] = 255
     result = Image.fromarray(indices)
-    result.putpalette([*palette, *[0] * (255 * 3 - len(palette)), *NOT_FINITE])
+    result.putpalette([*palette, *[0] * (255 * 3 - len(palette)), *NO_VALUE])
     return result

@@ -31,9 +31,10 @@ from typing import Any, NamedTuple
 
 import torch
 
+from fovden.checks import require
 from fovden.io import atomic_write
 
-__all__ = ["Measurement", "Run", "provenance", "read_config", "read_metrics"]
+__all__ = ["Measurement", "Run", "provenance", "read_config", "read_metrics", "read_provenance"]
 
 PACKAGES = ("fovden", "torch", "numpy", "numba", "llvmlite", "kornia", "scikit-image", "trimesh", "OpenEXR")
 
@@ -209,12 +210,30 @@ def read_config(folder: str | os.PathLike[str]) -> dict[str, Any]:
         >>> read_config(run.folder)
         {'spp': 4}
     """
-    path = _existing(folder, "config.json")
-    try:
-        config: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path}: expected JSON ({error})") from error
-    return config
+    return _read_json(folder, "config.json")
+
+
+def read_provenance(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Reads where, when and with what a run was made.
+
+    Args:
+        folder: The run's folder.
+
+    Returns:
+        The contents of ``provenance.json``: what :func:`provenance` gave at its start, its state and its times.
+
+    Raises:
+        FileNotFoundError: If the folder holds no run.
+        ValueError: If the file is damaged.
+
+    Example:
+        >>> import tempfile
+        >>> with Run(tempfile.mkdtemp(), {"spp": 4}) as run:
+        ...     pass
+        >>> read_provenance(run.folder)["state"]
+        'finished'
+    """
+    return _read_json(folder, "provenance.json")
 
 
 def read_metrics(folder: str | os.PathLike[str]) -> list[Measurement]:
@@ -250,6 +269,16 @@ def read_metrics(folder: str | os.PathLike[str]) -> list[Measurement]:
     except ValueError as error:
         expected = ", ".join(Measurement._fields)
         raise ValueError(f"{path}: expected a table with the columns {expected} ({error})") from error
+
+
+def _read_json(folder: str | os.PathLike[str], name: str) -> dict[str, Any]:
+    path = _existing(folder, name)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path}: expected JSON ({error})") from error
+    require(isinstance(content, dict), str(path), type(content).__name__, "a mapping")
+    return dict(content)
 
 
 def _existing(folder: str | os.PathLike[str], name: str) -> Path:

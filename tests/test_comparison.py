@@ -192,6 +192,6 @@ def test_the_summary_averages_the_views_and_compares_with_base():
         rows.append(Measurement("box", 0, "", method, "whole", "seconds_total", seconds + 1))
     rows.append(Measurement("box", 0, "", "Foveation", "layer 0", "radius", 144.0))
     header, base, foveated = summary(rows).splitlines()
-    assert header.split()[:3] == ["method", "PSNR", "Mpaths"]
+    assert header.split()[:5] == ["method", "PSNR", "/", "dB", "Mpaths"]
     assert base.split() == ["Base", "30.50", "2.000", "3.000", "1.000", "1.00", "1.00"]
     assert foveated.split() == ["NH3LD", "28.50", "2.000", "2.000", "1.000", "1.50", "1.33"]

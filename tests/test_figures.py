@@ -3,7 +3,6 @@
 import shutil
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 from matplotlib.figure import Figure
@@ -12,12 +11,10 @@ from matplotlib.text import Text
 from PIL import Image
 from png_chunks import chunks
 
-from fovden import color
 from fovden.colormap import NO_VALUE
 from fovden.comparison import METHODS, CompareSettings, SceneSettings, compare_denoisers, read_comparison
-from fovden.figures import METHOD_STYLES, PRINT_WIDTH, comparison, draw_figures, error_map
+from fovden.figures import METHOD_STYLES, PRINT_WIDTH, comparison, draw_figures
 from fovden.figures.scores import STAGES
-from fovden.preview import NOT_FINITE
 from fovden.results import read_metrics
 
 NAMES = ["overview", "methods_left", "methods_right", "details_left", "details_right", "scores"]
@@ -111,8 +108,8 @@ def test_scores_have_units_and_the_values_of_the_table(drawn, folder):
     drawn_metrics = [metric for metric in ("psnr", "ssim", "flip") if any(row.metric == metric for row in rows)]
     *qualities, time = figure.axes
     labels = [panel.get_xlabel().split("\n") for panel in figure.axes]
-    expected = {"psnr": ["PSNR / dB", "more is better"], "ssim": ["SSIM", "more is better"]}
-    expected["flip"] = ["FLIP", "less is better"]
+    expected = {"psnr": ["PSNR / dB", "higher is better"], "ssim": ["SSIM", "higher is better"]}
+    expected["flip"] = ["FLIP", "lower is better"]
     assert labels == [*(expected[metric] for metric in drawn_metrics), ["time / s", "both eyes"]]
     for panel, metric in zip(qualities, drawn_metrics, strict=True):
         for method in METHODS:
@@ -158,10 +155,10 @@ def test_black_and_broken_images_are_drawn_as_what_they_are(folder, tmp_path, mo
     monkeypatch.setattr(comparison, "save_figure", lambda figure, path, _: caught.update({path.stem: figure}))
     draw_figures(tmp_path)
     assert list(caught) == NAMES
-    assert [panel.get_xlabel() for panel in caught["scores"].axes][2] == "FLIP\nless is better"
+    assert [panel.get_xlabel() for panel in caught["scores"].axes][2] == "FLIP\nlower is better"
     noisy, denoised = (panel.images[0].get_array() for panel in caught["overview"].axes[:2])
     assert (noisy == 0).all()
-    assert (denoised == NOT_FINITE).all()
+    assert (denoised == NO_VALUE).all()
     error = next(panel for panel in caught["overview"].axes if "mean error nan" in panel.get_xlabel()).images[0]
     assert error.get_array().mask.all()
     assert [round(255 * level) for level in error.cmap.get_bad()[:3]] == list(NO_VALUE)
@@ -181,14 +178,6 @@ def test_circles_and_gaze_lie_where_the_layers_are(drawn, folder):
         # the first pixel's centre is 0 to matplotlib and (0.5, 0.5) in a raster
         assert {circle.center for circle in circles} == {(x - 0.5, 29.5)}
         assert all(tuple(line.get_xydata()[0]) == (x - 0.5, 29.5) for line in panel.lines)
-
-
-def test_the_error_map_is_the_distance_of_display_values():
-    generator = torch.Generator().manual_seed(0)
-    image, reference = (torch.rand(2, 3, 5, 7, generator=generator) for _ in range(2))
-    shown = [color.display(each, 0.7).numpy().astype(np.float64) for each in (image, reference)]
-    expected = np.sqrt(((shown[0] - shown[1]) ** 2).sum(1, keepdims=True) / 3)
-    assert np.allclose(error_map(image, reference, 0.7).numpy(), expected, atol=1e-6)
 
 
 def test_a_folder_without_results_is_one_error(folder, tmp_path):

@@ -10,8 +10,8 @@ from png_chunks import chunks
 
 from fovden import color
 from fovden.checks import ShapeError
+from fovden.colormap import NO_VALUE
 from fovden.figures import contact_sheet
-from fovden.preview import NOT_FINITE
 
 NAN, INF = float("nan"), float("inf")
 
@@ -73,12 +73,12 @@ def test_what_is_not_finite_is_shown_and_counted():
     image[0, 1, 2, 3], image[1, 0, 4, 5] = NAN, INF
     sheet = contact_sheet({"a": image, "black": torch.zeros(2, 3, 10, 8), "void": torch.full((2, 3, 10, 8), NAN)})
     broken, black, void = pictures(sheet)
-    assert np.argwhere((broken == NOT_FINITE).all(-1)).tolist() == [[2, 3], [4, 8 + 5]]
+    assert np.argwhere((broken == NO_VALUE).all(-1)).tolist() == [[2, 3], [4, 8 + 5]]
     assert (black == 0).all()
-    assert (void == NOT_FINITE).all()
+    assert (void == NO_VALUE).all()
     assert [text for text in texts(sheet) if "finite" in text] == [
-        "not finite: 2 pixels, magenta",
-        "not finite: 160 pixels, magenta",
+        "not finite: 2 pixels, cyan",
+        "not finite: 160 pixels, cyan",
     ]
     assert contact_sheet({"void": torch.full((1, 3, 4, 4), NAN)})._repr_png_()
 

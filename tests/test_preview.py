@@ -16,10 +16,10 @@ from png_chunks import chunks
 from fovden import color
 from fovden.camera import Gaze, StereoCamera
 from fovden.checks import ShapeError
+from fovden.colormap import NO_VALUE
 from fovden.foveation import SampleMap, ThreeLayer, sample_map
 from fovden.frame import Frame, GBuffer, Reference
 from fovden.preview import (
-    NOT_FINITE,
     THUMBNAIL,
     Picture,
     card,
@@ -96,7 +96,7 @@ def test_levels_are_the_nearest_and_signal_what_is_not_finite():
             for x in range(5):
                 values = image[view, :, y, x].tolist()
                 expected = [min(max(math.floor(255 * value + 0.5), 0), 255) for value in values if math.isfinite(value)]
-                assert levels[y, 5 * view + x].tolist() == (expected if len(expected) == 3 else list(NOT_FINITE))
+                assert levels[y, 5 * view + x].tolist() == (expected if len(expected) == 3 else list(NO_VALUE))
 
 
 def test_shrinking_takes_means_and_keeps_one_broken_value_in_sight():
@@ -156,7 +156,7 @@ def test_a_small_png_keeps_to_a_byte_per_pixel_its_colours_and_the_signal():
     assert len(data) < 120 * 120 + 2000 < len(encode_png(levels))
     read = imageio.imread(io.BytesIO(data), mode="RGB").astype(float)
     assert np.abs(read - levels.numpy()).mean() < 20  # 255 colours over the cube lie about 40 levels apart
-    assert np.argwhere((read == NOT_FINITE).all(-1)).tolist() == [[17, 31]]
+    assert np.argwhere((read == NO_VALUE).all(-1)).tolist() == [[17, 31]]
     few = to_levels(image.round(decimals=0))
     assert np.array_equal(imageio.imread(io.BytesIO(encode_png(few, small=True)), mode="RGB"), few.numpy())
 
@@ -234,7 +234,7 @@ def test_no_values_break_a_card(value):
         assert len(tree.images) >= 2
         assert ("not finite" in tree.rows) != math.isfinite(value)
         if not math.isfinite(value) and not isinstance(record, GBuffer):
-            assert (tree.picture(0) == NOT_FINITE).all()
+            assert (tree.picture(0) == NO_VALUE).all()
 
 
 @pytest.mark.parametrize("shape", [(2, 3, 0, 4), (0, 3, 4, 4), (1, 3, 1, 1), (5, 3, 2, 400)])

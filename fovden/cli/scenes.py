@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,8 +12,9 @@ from fovden.camera import Camera, StereoCamera
 from fovden.io import save_png
 from fovden.tracer import Scene, accumulate_reference, make_scene
 from fovden.tracer.procedural import SCENES
+from fovden.tracer.scene_card import lights_of
 
-__all__ = ["lights_of", "list_scenes", "views_of"]
+__all__ = ["list_scenes", "views_of"]
 
 
 def list_scenes(options: argparse.Namespace) -> None:
@@ -33,7 +33,7 @@ def list_scenes(options: argparse.Namespace) -> None:
         >>> folder = Path(tempfile.mkdtemp())
         >>> list_scenes(argparse.Namespace(
         ...     scenes=["cornell_box"], detail=None, seed=0, list=False, spp=1, resolution=(16, 16), output=folder))
-        cornell_box: 38 triangles, 2 of them emissive; no other lights
+        cornell_box: 38 triangles; 2 emissive triangles
         >>> (folder / "cornell_box.png").is_file()
         True
     """
@@ -41,9 +41,7 @@ def list_scenes(options: argparse.Namespace) -> None:
     if not options.list:
         options.output.mkdir(parents=True, exist_ok=True)
     for name, scene in scenes.items():
-        emissive = int((scene.materials.emission.sum(1) > 0)[scene.material_ids.long()].sum())
-        triangles = f"{scene.triangle_count:,} triangles" + (f", {emissive} of them emissive" if emissive else "")
-        sys.stdout.write(f"{name}: {triangles}; {lights_of(scene)}\n")
+        sys.stdout.write(f"{name}: {scene.triangle_count:,} triangles; {lights_of(scene)}\n")
         for view in scene.views:
             sys.stdout.write(f"    --view {view}\n")
         if options.list:
@@ -52,17 +50,6 @@ def list_scenes(options: argparse.Namespace) -> None:
             path = options.output / file_name
             _preview(path, scene, camera.at(options.resolution), options.spp, options.seed)
             sys.stderr.write(f"  {path}\n")
-
-
-def lights_of(scene: Scene) -> str:
-    """Returns the kinds of a scene's lights, counted.
-
-    Example:
-        >>> lights_of(make_scene("cornell_box"))
-        'no other lights'
-    """
-    kinds = Counter(type(light).__name__.removesuffix("Light").lower() for light in scene.lights)
-    return ", ".join(f"{count} {kind} light{'s' * (count > 1)}" for kind, count in kinds.items()) or "no other lights"
 
 
 def views_of(name: str, scene: Scene) -> Mapping[str, StereoCamera]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from fovden.checks import require
 from fovden.comparison.methods import METHODS, file_name
 from fovden.frame import Frame, Reference
 from fovden.io import load_frame, load_image, load_reference
-from fovden.results import Measurement, read_config, read_metrics
+from fovden.results import Measurement, read_config, read_metrics, read_provenance
 
 __all__ = ["SavedComparison", "read_comparison"]
 
@@ -97,16 +96,5 @@ def read_comparison(folder: str | os.PathLike[str]) -> SavedComparison:
         radii=tuple(row.value for row in measurements if (row.method, row.metric) == ("Foveation", "radius")),
         measurements=measurements,
         config=read_config(folder),
-        provenance=_read_provenance(folder / "provenance.json"),
+        provenance=read_provenance(folder),
     )
-
-
-def _read_provenance(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; expected the folder of a finished run")
-    try:
-        provenance: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path}: expected JSON ({error})") from error
-    require(isinstance(provenance, dict), str(path), type(provenance).__name__, "a mapping")
-    return provenance

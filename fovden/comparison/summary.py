@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Sequence
 
+from fovden.metrics import METRICS
 from fovden.results import Measurement
 
 __all__ = ["summary"]
@@ -25,7 +26,7 @@ def summary(measurements: Sequence[Measurement]) -> str:
     Example:
         >>> rows = [Measurement("box", 0, view, "Base", "whole", "psnr", 30.0 + view) for view in (0, 1)]
         >>> print(summary(rows).splitlines()[1].rstrip())
-        Base     30.50
+        Base         30.50
     """
     columns = _columns(measurements)
     methods = [name for name in dict.fromkeys(row.method for row in measurements) if name not in EXTRA_ROWS]
@@ -75,11 +76,9 @@ def _columns(measurements: Sequence[Measurement]) -> list[Column]:
 
     regions = sorted({row.region for row in measurements if row.metric == "ssim"} - {"whole"})
     columns: list[Column] = [
-        ("RMSE", ".4f", plain("rmse")),
-        ("PSNR", ".2f", plain("psnr")),
-        ("SSIM", ".4f", plain("ssim")),
-        *((f"SSIM {region}", ".4f", plain("ssim", region)) for region in regions),
-        ("FLIP", ".4f", plain("flip")),
+        *((METRICS[metric].title, METRICS[metric].format, plain(metric)) for metric in ("rmse", "psnr", "ssim")),
+        *((f"SSIM {region}", METRICS["ssim"].format, plain("ssim", region)) for region in regions),
+        (METRICS["flip"].title, METRICS["flip"].format, plain("flip")),
         ("Mpaths", ".3f", plain("paths", scale=1e-6)),
         ("G-buffer s", ".3f", plain("seconds_gbuffer")),
         ("paths s", ".3f", plain("seconds_paths")),

@@ -6,7 +6,6 @@ they have in common, colours and sizes, is in :mod:`fovden.figures.style`.
 
 from fovden.figures.comparison import draw_figures
 from fovden.figures.contact_sheet import ContactSheet, contact_sheet
-from fovden.figures.quantities import error_map
 from fovden.figures.style import METHOD_STYLES, PRINT_WIDTH, MethodStyle, drawing, method_style
 
 __all__ = [
@@ -17,6 +16,5 @@ __all__ = [
     "contact_sheet",
     "draw_figures",
     "drawing",
-    "error_map",
     "method_style",
 ]

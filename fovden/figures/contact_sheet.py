@@ -80,7 +80,7 @@ def contact_sheet(
 ) -> ContactSheet:
     """Returns a sheet of images with their names, all views of each side by side, all at one exposure.
 
-    A name that is a method's gets the method's mark. What is not a finite number is shown in magenta, and counted.
+    A name that is a method's gets the method's mark. What is not a finite number is shown in cyan, and counted.
 
     Args:
         images: Linear radiance by name, all of one shape (v, 3, h, w).
@@ -124,7 +124,7 @@ def contact_sheet(
             for view in range(1, sizes["v"]):
                 panel.axvline(view * sizes["w"] - 0.5, color=BACKGROUND, linewidth=2)
             if bool(broken.any()):
-                note(panel, f"not finite: {int(broken.sum()):,} pixels, magenta")
+                note(panel, f"not finite: {int(broken.sum()):,} pixels, cyan")
         for panel in cells[len(images) :]:
             panel.set_visible(False)
         eyes = {1: "", 2: "; left and right eye"}.get(sizes["v"], f"; {sizes['v']} views")

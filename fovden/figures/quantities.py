@@ -6,35 +6,10 @@ import torch
 from torch import Tensor
 
 from fovden import color
-from fovden.checks import require_shapes
 from fovden.comparison import METHODS, SavedComparison
-
-__all__ = ["error_map"]
+from fovden.metrics import rmse_map
 
 ERROR_SHARE = 0.995  # share of each denoised image's pixels that the error scale covers
-
-
-def error_map(image: Tensor, reference: Tensor, exposure: float) -> Tensor:
-    """Returns how far an image is from its reference in every pixel, as a display shows them.
-
-    Args:
-        image: Linear radiance, shape (v, 3, h, w).
-        reference: Linear radiance, the same shape.
-        exposure: Scale from radiance to the display.
-
-    Returns:
-        Root mean square over the channels of the difference of the display values, in [0, 1], shape (v, 1, h, w).
-
-    Raises:
-        ShapeError: If the shapes differ.
-
-    Example:
-        >>> error_map(torch.zeros(1, 3, 1, 2), torch.full((1, 3, 1, 2), 9.0), exposure=1.0)
-        tensor([[[[1., 1.]]]])
-    """
-    require_shapes("v 3 h w", image=image, reference=reference)
-    difference = color.display(image, exposure) - color.display(reference, exposure)
-    return difference.square().mean(1, keepdim=True).sqrt()
 
 
 def display_of(saved: SavedComparison, name: str) -> Tensor:
@@ -44,7 +19,7 @@ def display_of(saved: SavedComparison, name: str) -> Tensor:
 
 def error_of(saved: SavedComparison, name: str) -> Tensor:
     """A method's error map, shape (v, 1, h, w)."""
-    return error_map(saved.images[name], saved.reference.mean, saved.exposure)
+    return rmse_map(display_of(saved, name), display_of(saved, "Reference"))
 
 
 def error_limit(saved: SavedComparison) -> float:

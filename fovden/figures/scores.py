@@ -12,11 +12,12 @@ from matplotlib.patches import Patch
 from fovden.comparison import SavedComparison
 from fovden.figures.quantities import describe, value_of
 from fovden.figures.style import BACKGROUND, FAINT, GRID, INK, PRINT_WIDTH, SMALL, TEXT, heading, method_style
+from fovden.metrics import METRICS
 
 __all__ = ["QUALITY", "STAGES"]
 
-QUALITY = {"psnr": "PSNR / dB\nmore is better", "ssim": "SSIM\nmore is better", "flip": "FLIP\nless is better"}
-"""Metrics that are drawn where the results have them, with their labels."""
+QUALITY = ("psnr", "ssim", "flip")
+"""Metrics that are drawn where the results have them."""
 
 STAGES = {
     "seconds_gbuffer": ("G-buffer", "....."),
@@ -85,8 +86,8 @@ def _draw_quality(panel: Any, saved: SavedComparison, metric: str, methods: list
                 markersize=4,
                 markeredgewidth=0.3,
             )
-    panel.set_xlabel(QUALITY[metric])
-    if metric == next(iter(QUALITY)):
+    panel.set_xlabel(f"{METRICS[metric].title}\n{METRICS[metric].better} is better")
+    if metric == QUALITY[0]:
         marks = [
             Line2D([], [], marker="o", color=FAINT, markersize=4, linestyle="none", label="whole image"),
             Line2D([], [], marker="$0$", color=FAINT, markersize=4, linestyle="none", label="its layers"),

@@ -2,12 +2,14 @@
 
 from fovden.metrics.flip_hdr import hdr_flip, hdr_flip_map
 from fovden.metrics.flip_ldr import PIXELS_PER_DEGREE, flip, flip_map, monitor_pixels_per_degree
-from fovden.metrics.image import mse, psnr, relative_mse, rmse, smape, ssim, ssim_map, weighted_mean
-from fovden.metrics.table import Comparison, Score, compare
+from fovden.metrics.image import mse, psnr, relative_mse, rmse, rmse_map, smape, ssim, ssim_map, weighted_mean
+from fovden.metrics.table import METRICS, Comparison, MetricStyle, Score, compare
 
 __all__ = [
+    "METRICS",
     "PIXELS_PER_DEGREE",
     "Comparison",
+    "MetricStyle",
     "Score",
     "compare",
     "flip",
@@ -19,6 +21,7 @@ __all__ = [
     "psnr",
     "relative_mse",
     "rmse",
+    "rmse_map",
     "smape",
     "ssim",
     "ssim_map",

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from fovden.checks import ShapeError, require, require_finite, require_number, require_shapes
 
-__all__ = ["mse", "psnr", "relative_mse", "rmse", "smape", "ssim", "ssim_map", "weighted_mean"]
+__all__ = ["mse", "psnr", "relative_mse", "rmse", "rmse_map", "smape", "ssim", "ssim_map", "weighted_mean"]
 
 WINDOW = 11
 """Taps of SSIM's Gaussian window along one axis, at sigma = 1.5 (Wang et al. 2004, section III.C)."""
@@ -121,6 +121,29 @@ def rmse(image: Tensor, reference: Tensor, weight: Tensor | None = None, *, nois
     # The root has an infinite slope at 0, so the branch not taken is kept away from it; NaN stays NaN.
     tiny = torch.finfo(squared.dtype).tiny
     return torch.where(squared <= 0, torch.zeros_like(squared), squared.clamp(min=tiny).sqrt())
+
+
+def rmse_map(image: Tensor, reference: Tensor) -> Tensor:
+    """Returns the root of the mean squared error over the channels of every pixel.
+
+    Args:
+        image: Image to judge, shape (v, c, h, w).
+        reference: What it should be, the same shape and encoding.
+
+    Returns:
+        ``sqrt(mean over c of (image - reference)^2)``, shape (v, 1, h, w); NaN where a value is.
+
+    Raises:
+        ShapeError: If the shapes disagree.
+
+    Differentiable: in both, where they differ.
+
+    Example:
+        >>> rmse_map(torch.zeros(1, 3, 1, 2), torch.ones(1, 3, 1, 2))
+        tensor([[[[1., 1.]]]])
+    """
+    require_shapes("v c h w", image=image, reference=reference)
+    return (image - reference).square().mean(1, keepdim=True).sqrt()
 
 
 def relative_mse(

@@ -7,7 +7,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -18,21 +19,44 @@ from fovden.frame import Reference
 from fovden.metrics.flip_ldr import PIXELS_PER_DEGREE, flip_map
 from fovden.metrics.image import MARGIN, psnr, relative_mse, rmse, smape, ssim_map, weighted_mean
 
-__all__ = ["Comparison", "Score", "compare"]
+__all__ = ["METRICS", "Comparison", "MetricStyle", "Score", "compare"]
 
 DISPLAY_METRICS = ("rmse", "psnr", "ssim", "flip")
 LINEAR_METRICS = ("rmse_linear", "relative_mse", "smape")
-FORMATS = {
-    "rmse": ".4f",
-    "psnr": ".2f",
-    "ssim": ".4f",
-    "flip": ".4f",
-    "rmse_linear": ".4g",
-    "relative_mse": ".4g",
-    "smape": ".4f",
-}
 CONDITIONS = ("encoding", "exposure", "peak", "noise_subtracted", "pixels_per_degree")
 COLUMNS = ("method", "view", "region", "metric", "value", *CONDITIONS)
+
+
+class MetricStyle(NamedTuple):
+    """How a metric is written in tables and figures.
+
+    Attributes:
+        title: Its name, with its unit if it has one.
+        format: Format of its values.
+        better: Which end is better, ``"lower"`` or ``"higher"``.
+
+    Example:
+        >>> METRICS["psnr"]
+        MetricStyle(title='PSNR / dB', format='.2f', better='higher')
+    """
+
+    title: str
+    format: str
+    better: Literal["lower", "higher"]
+
+
+METRICS: Mapping[str, MetricStyle] = MappingProxyType(
+    {
+        "rmse": MetricStyle("RMSE", ".4f", "lower"),
+        "psnr": MetricStyle("PSNR / dB", ".2f", "higher"),
+        "ssim": MetricStyle("SSIM", ".4f", "higher"),
+        "flip": MetricStyle("FLIP", ".4f", "lower"),
+        "rmse_linear": MetricStyle("RMSE, linear", ".4g", "lower"),
+        "relative_mse": MetricStyle("relMSE", ".4g", "lower"),
+        "smape": MetricStyle("SMAPE", ".4f", "lower"),
+    }
+)
+"""Every metric of a comparison, by the name that it has in the long form."""
 
 
 class Score(NamedTuple):
@@ -162,7 +186,7 @@ class Comparison:
         for region in self.regions:
             for number, method in enumerate(self.methods):
                 cells = [
-                    format(self.value(method, metric, region), FORMATS[metric])
+                    format(self.value(method, metric, region), METRICS[metric].format)
                     if (method, region, metric) in present
                     else "-"
                     for metric in self.metrics

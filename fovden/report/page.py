@@ -20,6 +20,7 @@ from fovden.colormap import MAGMA, NO_VALUE
 from fovden.frame import Reference
 from fovden.io import atomic_write
 from fovden.metrics.image import RELATIVE_EPS, WINDOW
+from fovden.preview import finite_exposure
 from fovden.report.coding import COARSER_STEPS, KNEE, STEPS, encode_image, encode_map, encode_text
 from fovden.report.scales import error_scales
 from fovden.report.tables import Table, quality_tables
@@ -100,7 +101,7 @@ def write_report(
     pictures, sizes = _checked(images, reference)
     truth = pictures.get(REFERENCE) if reference is not None else None
     if exposure is None:
-        exposure = _exposure(truth if truth is not None else next(iter(pictures.values())))
+        exposure = finite_exposure(truth if truth is not None else next(iter(pictures.values())))
     require_number("exposure", exposure, above=0)
     eyes = eye_names(sizes["v"])
     if tables is None:
@@ -221,11 +222,6 @@ def _checked(
 
 def _size(sizes: Mapping[str, int]) -> str:
     return f"{sizes['v']} views of {sizes['w']} x {sizes['h']} pixels"
-
-
-def _exposure(image: Tensor) -> float:
-    """The exposure of what is finite in an image; 1 if that is nothing."""
-    return color.exposure(torch.where(image.isfinite(), image, 0).clamp(min=0))
 
 
 def _measured(

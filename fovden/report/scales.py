@@ -9,6 +9,7 @@ from typing import Any
 from torch import Tensor
 
 from fovden import color
+from fovden.metrics import rmse_map
 from fovden.metrics.image import RELATIVE_EPS
 
 __all__ = ["error_scales"]
@@ -46,7 +47,7 @@ def error_scales(
     shown = color.display(truth, exposure)
 
     def display(image: Tensor) -> Tensor:
-        return (color.display(image, exposure) - shown).square().mean(1).sqrt()
+        return rmse_map(color.display(image, exposure), shown)
 
     def relative(image: Tensor) -> Tensor:
         return ((image - truth).square() / (truth.square() + RELATIVE_EPS)).mean(1)

@@ -9,21 +9,9 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from fovden.checks import require
-from fovden.metrics import Score
+from fovden.metrics import METRICS, Score
 
 __all__ = ["Cell", "Column", "Table", "quality_tables"]
-
-METRICS = {
-    "rmse": ("RMSE", ".4f", "lower"),
-    "psnr": ("PSNR / dB", ".2f", "higher"),
-    "ssim": ("SSIM", ".4f", "higher"),
-    "flip": ("FLIP", ".4f", "lower"),
-    "hdr_flip": ("HDR-FLIP", ".4f", "lower"),
-    "rmse_linear": ("RMSE, linear", ".4g", "lower"),
-    "relative_mse": ("relMSE", ".4g", "lower"),
-    "smape": ("SMAPE", ".4f", "lower"),
-}
-"""Title, format and better end of each metric that has them; another one goes by its own name."""
 
 DETAILED = ("psnr", "ssim", "flip")  # the metrics that are given for every layer and every eye
 
@@ -162,8 +150,10 @@ def quality_tables(scores: Iterable[Score], *, eyes: Sequence[str], note: str = 
 
 
 def _column(metric: str, part: str = "") -> Column:
-    title, style, better = METRICS.get(metric, (metric, ".4g", ""))
-    return Column(f"{title}, {part}" if part else title, style, better)  # type: ignore[arg-type]
+    if metric not in METRICS:
+        return Column(f"{metric}, {part}" if part else metric, ".4g")
+    title, style, better = METRICS[metric]
+    return Column(f"{title}, {part}" if part else title, style, better)
 
 
 def _cell(value: Value, column: Column, best: str | None) -> Cell:

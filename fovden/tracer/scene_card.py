@@ -13,7 +13,7 @@ from fovden.preview import THUMBNAIL, Picture, card, show
 if TYPE_CHECKING:
     from fovden.tracer.scene import Scene
 
-__all__ = ["scene_card"]
+__all__ = ["lights_of", "scene_card"]
 
 SHOWN_TRIANGLES = 2_000_000  # beyond it a first look waits for the acceleration structure for more than some seconds
 
@@ -37,15 +37,12 @@ def scene_card(scene: Scene) -> str:
         True
     """
     low, high = scene.vertices.amin(0), scene.vertices.amax(0)
-    lights = Counter(type(light).__name__.removesuffix("Light").lower() for light in scene.lights)
-    glowing = int((scene.materials.emission.amax(1) > 0)[scene.material_ids.long()].sum())
-    kinds = [f"{number} {kind}" for kind, number in lights.items()] + [f"{glowing:,} glowing triangles"] * (glowing > 0)
     textures = len(scene.materials.textures)
     rows = {
         "triangles": f"{scene.triangle_count:,}",
         "vertices": f"{len(scene.vertices):,}",
         "materials": f"{len(scene.materials.names)}, {textures} textures",
-        "lights": ", ".join(kinds) or "none",
+        "lights": lights_of(scene),
         "extent": " x ".join(f"{length:.3g}" for length in (high - low).tolist()) + " m (x, y, z)",
         "corners": " to ".join("(" + ", ".join(f"{x:.3g}" for x in corner.tolist()) + ")" for corner in (low, high)),
         "camera": "none" if scene.camera is None else f"{1e3 * scene.camera.eye_separation:.3g} mm between the eyes",
@@ -53,6 +50,25 @@ def scene_card(scene: Scene) -> str:
     if scene.views:
         rows["other views"] = ", ".join(scene.views)
     return card(f"Scene {scene.name}", _pictures(scene), rows)
+
+
+def lights_of(scene: Scene) -> str:
+    """Returns the kinds of a scene's lights, counted, emissive triangles among them.
+
+    Args:
+        scene: The scene.
+
+    Returns:
+        Words, ``"no light"`` if there is none.
+
+    Example:
+        >>> from fovden.tracer import PointLight, make_scene
+        >>> lights_of(make_scene("cornell_box").with_lights([PointLight((2.8, 5.0, 2.8), 10.0)]))
+        '1 point light, 2 emissive triangles'
+    """
+    kinds = Counter(f"{type(light).__name__.removesuffix('Light').lower()} light" for light in scene.lights)
+    kinds["emissive triangle"] = int((scene.materials.emission.amax(1) > 0)[scene.material_ids.long()].sum())
+    return ", ".join(f"{count:,} {kind}{'s' * (count > 1)}" for kind, count in kinds.items() if count) or "no light"
 
 
 def _pictures(scene: Scene) -> list[Picture]:

@@ -8,7 +8,7 @@ import torch
 from skimage import metrics as skimage_metrics
 
 from fovden.checks import ShapeError
-from fovden.metrics import mse, psnr, relative_mse, rmse, smape, ssim, ssim_map, weighted_mean
+from fovden.metrics import mse, psnr, relative_mse, rmse, rmse_map, smape, ssim, ssim_map, weighted_mean
 
 ALL = {"mse": mse, "rmse": rmse, "relative_mse": relative_mse, "smape": smape, "psnr": psnr, "ssim": ssim}
 
@@ -211,3 +211,14 @@ def test_peak_that_is_none(metric):
 def test_image_smaller_than_the_window_of_ssim():
     with pytest.raises(ValueError, match="image: expected at least 11 x 11 pixels for SSIM, got 10 x 31"):
         ssim(*pair(shape=(1, 3, 10, 31)))
+
+
+def test_rmse_map_averages_to_rmse():
+    generator = torch.Generator().manual_seed(0)
+    image, reference = (torch.rand(2, 3, 5, 7, generator=generator) for _ in range(2))
+    found = rmse_map(image, reference)
+    expected = np.sqrt(((image.numpy().astype(np.float64) - reference.numpy()) ** 2).sum(1, keepdims=True) / 3)
+    np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
+    assert torch.allclose(found.square().mean((1, 2, 3)).sqrt(), rmse(image, reference))
+    image[1, 0, 2, 3] = torch.nan
+    assert rmse_map(image, reference).isnan().nonzero().tolist() == [[1, 0, 2, 3]]

@@ -30,7 +30,7 @@ def test_it_counts_what_is_there():
     light = PointLight((1, 2, 3), 4)
     found = rows(scene_card(SCENE.with_lights([light, light])))
     assert found["triangles"] == f"{len(SCENE.faces)}"
-    assert found["lights"] == "2 point, 2 glowing triangles"
+    assert found["lights"] == "2 point lights, 2 emissive triangles"
     assert found["materials"] == "4, 0 textures"
     assert found["extent"] == "5.56 x 5.49 x 5.59 m (x, y, z)"
     assert found["camera"] == f"{1000 * SCENE.camera.eye_separation:.3g} mm between the eyes"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -67,12 +67,8 @@ def table_lamp(light: float, detail: Detail) -> Iterator[tuple[str, Patch]]:
     )
     cloth, rings = shade(0.20, 0.13, 0.24, 56, detail)
     top = light + 0.12
-    hoop = tube(
-        [(0.016, light - 0.06, 0), (0.07, light - 0.03, 0), (0.075, light + 0.06, 0), (0.012, top, 0)],
-        0.0028,
-        detail.segments(5, least=3),
-    )
-    yield "brass", join([foot, stalk, rings.placed((0, light, 0)), hoop, hoop.placed(turns=np.pi)])
+    harp = _harp([(0.016, light - 0.06), (0.07, light - 0.03), (0.075, light + 0.06), (0.012, top)], detail)
+    yield "brass", join([foot, stalk, rings.placed((0, light, 0)), harp])
     yield "shade", cloth.placed((0, light, 0))
 
 
@@ -102,17 +98,13 @@ def standard_lamp(light: float, detail: Detail) -> Iterator[tuple[str, Patch]]:
     )
     cloth, rings = shade(0.25, 0.16, 0.28, 72, detail)
     top = light + 0.14
-    hoop = tube(
-        [(0.018, light - 0.06, 0), (0.08, light - 0.03, 0), (0.085, light + 0.08, 0), (0.012, top, 0)],
-        0.003,
-        detail.segments(5, least=3),
-    )
+    harp = _harp([(0.018, light - 0.06), (0.08, light - 0.03), (0.085, light + 0.08), (0.012, top)], detail)
     pull = (
         [ball(0.004, 3, 6).placed([(0.11, light - 0.17 - 0.0095 * k, 0.0) for k in range(22)])]
         if detail.shows(0.3)
         else []
     )
-    yield "brass", join([stalk, rings.placed((0, light, 0)), hoop, hoop.placed(turns=np.pi), *pull])
+    yield "brass", join([stalk, rings.placed((0, light, 0)), harp, *pull])
     yield "shade", cloth.placed((0, light, 0))
 
 
@@ -218,3 +210,9 @@ def _glass(arms: int, reach: float, low: float, tip: float, detail: Detail) -> P
         np.broadcast_arrays(radius * np.cos(around), tip + 0.012, -radius * np.sin(around)), axis=-1
     ).reshape(-1, 3)
     return join([bead.placed(np.concatenate(swags)), drop.placed(places)])
+
+
+def _harp(profile: Sequence[tuple[float, float]], detail: Detail) -> Patch:
+    """The two bows that carry a shade around the light: radius and height of their bends, from the stalk upwards."""
+    bow = tube([(radius, height, 0.0) for radius, height in profile], 0.0029, detail.segments(5, least=3))
+    return join([bow, bow.placed(turns=np.pi)])
