@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from multiprocessing.context import get_spawning_popen
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -208,6 +210,21 @@ class Scene:
             if name in self.__dict__:
                 changed.__dict__[name] = self.__dict__[name]
         return changed
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields alone; what can be made from them is made anew by whoever unpickles."""
+        state = {each.name: getattr(self, each.name) for each in fields(self)} | {"views": dict(self.views)}
+        if get_spawning_popen() is None:
+            return state
+        # PyTorch moves the tensors that a new process is to get into shared memory, away from under the arrays that
+        # kernels read. Copies go there instead, made once for all processes, and the structure with them.
+        if "_copies" not in self.__dict__:
+            self.__dict__["_copies"] = deepcopy(state | {"bvh": self.bvh})
+        copies: dict[str, Any] = self.__dict__["_copies"]
+        return copies
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state | {"views": MappingProxyType(state["views"])})
 
     def export(self, path: FilePath) -> list[Path]:
         """Writes geometry, materials, lights and cameras to files that other renderers read.

@@ -1,0 +1,152 @@
+"""Data sets give the same bits in every process, and frames that differ in what they should."""
+
+import pickle
+from multiprocessing import get_context
+from multiprocessing.context import set_spawning_popen
+
+import pytest
+import torch
+from torch.utils.data import DataLoader
+
+from fovden.foveation import ThreeLayer, sample_map
+from fovden.tracer import (
+    FrameDataset,
+    GazeKeyframe,
+    GazePath,
+    Pose,
+    RigidMotion,
+    Sequence,
+    accumulate_reference,
+    make_scene,
+    trace_frame,
+)
+
+# Python 3.12 and later warn at every fork of a process with threads, which a process with PyTorch always is.
+forks = pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
+
+
+def sequence(frames=3, resolution=(8, 10)) -> Sequence:
+    """The Cornell box, its short block sliding, under a wandering gaze."""
+    scene = make_scene("cornell_box")
+    heights = scene.vertices[scene.faces.long()][..., 1]
+    block = (scene.material_ids == 0) & (heights <= 1.66).all(1) & (heights.amax(1) > 1)
+    slide = RigidMotion(block, (Pose(0), Pose(2, (0.4, 0.0, 0.0))))
+    gaze = GazePath((GazeKeyframe(0, -5, 0), GazeKeyframe(2, 5, 3)))
+    return Sequence(scene, scene.camera, gaze, (slide,), frames=frames).at(resolution)
+
+
+def same(one, other):
+    frames = torch.equal(one[0].radiance, other[0].radiance) and torch.equal(one[0].counts, other[0].counts)
+    motion = torch.equal(one[0].gbuffer.motion, other[0].gbuffer.motion)
+    if one[1] is None:
+        return frames and motion and other[1] is None
+    return (
+        frames
+        and motion
+        and torch.equal(one[1].mean, other[1].mean)
+        and torch.equal(one[1].variance, other[1].variance)
+    )
+
+
+def test_items_are_frames_and_references_of_the_sequence():
+    scenes = sequence()
+    dataset = FrameDataset(scenes, ThreeLayer(r0=2, r1=4), spp=2, seed=5, draws=2, reference_spp=3)
+    assert len(dataset) == 6
+    frame, reference = dataset[4]
+    now, previous = scenes[1], scenes[0]
+    samples = sample_map(ThreeLayer(r0=2, r1=4), now.camera, now.gaze, spp=2, seed=5, index=4)
+    expected = trace_frame(now.scene, now.camera, samples, seed=frame.seed, index=1, previous=previous)
+    assert frame.index == 1
+    assert same((frame, None), (expected, None))
+    assert frame.gbuffer.motion.any()
+    assert torch.equal(frame.gaze.pixels, now.gaze.pixels)
+    expected = accumulate_reference(now.scene, now.camera, spp=3, seed=5, progress=None)
+    assert torch.equal(reference.mean, expected.mean)
+    assert not dataset[0][0].gbuffer.motion.any()
+    assert same(dataset[-1], dataset[5])
+    assert FrameDataset(scenes, spp=2)[0][0].counts.unique().tolist() == [2]
+    for index in (6, -7):
+        with pytest.raises(IndexError, match="expected one from 0 to 5"):
+            dataset[index]
+
+
+def test_draws_share_the_reference_and_nothing_random():
+    dataset = FrameDataset(sequence(), ThreeLayer(r0=1, r1=2), spp=1, draws=2, reference_spp=2)
+    one, other = dataset[1], dataset[4]
+    assert torch.equal(one[0].gbuffer.position, other[0].gbuffer.position)
+    assert torch.equal(one[1].mean, other[1].mean)
+    assert one[0].seed != other[0].seed
+    assert not torch.equal(one[0].counts, other[0].counts)
+    seeds = {FrameDataset(sequence(), spp=1, seed=seed)[index][0].seed for seed in range(3) for index in range(3)}
+    assert len(seeds) == 9
+
+
+@forks
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_workers_make_the_same_bits(method):
+    dataset = FrameDataset(sequence(), ThreeLayer(r0=2, r1=4), spp=2, seed=1, reference_spp=2)
+    expected = [dataset[index] for index in range(3)]
+    loader = DataLoader(dataset, batch_size=None, num_workers=2, multiprocessing_context=method, timeout=120)
+    assert all(same(item, wanted) for item, wanted in zip(loader, expected, strict=True))
+    assert all(same(dataset[index], expected[index]) for index in range(3))  # the arrays of this process stand
+
+
+def test_a_spawned_worker_is_sent_no_tensors():
+    """What goes through the pipe are names of shared memory, made once; this process keeps its own memory."""
+    dataset = FrameDataset(sequence())
+    scene = dataset.sequence.scene
+    place, structure = scene.vertices.data_ptr(), scene.bvh
+    popen = get_context("spawn").Process()  # anything will do: it says that a process is being spawned
+    set_spawning_popen(popen)
+    try:
+        data = [pickle.dumps(scene), pickle.dumps(scene)]
+    finally:
+        set_spawning_popen(None)
+    assert data[0] == data[1]
+    assert scene.vertices.data_ptr() == place
+    copies = scene._copies
+    assert copies["vertices"].data_ptr() != place
+    assert torch.equal(copies["vertices"], scene.vertices)
+    assert copies["bvh"].nodes.data_ptr() != structure.nodes.data_ptr()
+    read = pickle.loads(data[0])
+    assert torch.equal(read.bvh.nodes.view(torch.int32), structure.nodes.view(torch.int32))
+
+
+@forks
+def test_batches_join_views():
+    dataset = FrameDataset(sequence(), spp=1, reference_spp=2)
+    loader = DataLoader(
+        dataset, batch_size=2, collate_fn=dataset.collate, num_workers=1, multiprocessing_context="fork"
+    )
+    (frames, references), (last, _) = loader
+    assert frames.view_count == 4
+    assert last.view_count == 2
+    for index in range(2):
+        frame, reference = dataset[index]
+        views = slice(2 * index, 2 * index + 2)
+        assert torch.equal(frames.radiance[views], frame.radiance)
+        assert torch.equal(references.mean[views], reference.mean)
+        assert torch.equal(references.camera.origin[views], reference.camera.origin)
+    with pytest.raises(ValueError, match="one for each frame or none"):
+        dataset.collate([dataset[0], (dataset[1][0], None)])
+    with pytest.raises(ValueError, match="the same number in all"):
+        dataset.collate([dataset[0], FrameDataset(sequence(), spp=1, reference_spp=3)[1]])
+
+
+def test_references_are_kept(tmp_path, monkeypatch):
+    dataset = FrameDataset(sequence(), spp=1, draws=2, reference_spp=2, folder=tmp_path)
+    _, reference = dataset[1]
+    assert [path.name for path in tmp_path.iterdir()] == ["cornell_box-00001-0.safetensors"]
+    monkeypatch.setattr("fovden.parallel.run", None)  # nothing is traced for it again
+    kept = accumulate_reference(*dataset.sequence[1][:2], spp=2, checkpoint=next(tmp_path.iterdir()), progress=None)
+    assert torch.equal(kept.mean, reference.mean)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [({"spp": 0}, "spp"), ({"seed": -1}, "seed"), ({"draws": 0}, "draws"), ({"reference_spp": 0}, "reference_spp")]
+    + [({"folder": "/nowhere"}, "an existing folder")],
+)
+def test_bad_settings_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        FrameDataset(sequence(), **settings)
