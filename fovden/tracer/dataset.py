@@ -96,18 +96,22 @@ class FrameDataset(Dataset[Item]):
         samples: SampleMap | int = self.spp
         if self.falloff is not None:
             samples = sample_map(self.falloff, camera, gaze, self.spp, self.seed, index=index)
-        # NumPy's hash, which mixes seed and index: with their sum, neighbouring seeds would share most of their noise.
-        seed = int(np.random.SeedSequence((self.seed, index)).generate_state(1)[0])
-        frame = trace_frame(scene, camera, samples, seed=seed, index=number, previous=previous, lights=self.lights)
+        frame = trace_frame(
+            scene, camera, samples, seed=self._seed(index), index=number, previous=previous, lights=self.lights
+        )
         if self.reference_spp is None:
             return frame, None
         checkpoint = None
         if self.folder is not None:
             checkpoint = Path(self.folder) / f"{scene.name}-{number:05d}-{self.seed}.safetensors"
         reference = accumulate_reference(
-            scene, camera, spp=self.reference_spp, seed=self.seed, checkpoint=checkpoint, progress=None
+            scene, camera, spp=self.reference_spp, seed=self._seed(number), checkpoint=checkpoint, progress=None
         )
         return frame, reference
+
+    def _seed(self, number: int) -> int:
+        """NumPy's hash of two numbers; with their sum, neighbouring seeds would share most of their noise."""
+        return int(np.random.SeedSequence((self.seed, number)).generate_state(1)[0])
 
     @staticmethod
     def collate(items: Items[Item]) -> Item:

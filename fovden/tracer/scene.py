@@ -99,7 +99,8 @@ class Scene:
     @cached_property
     def bvh(self) -> Bvh:
         """The acceleration structure, built when first asked for."""
-        return build_bvh(self.vertices, self.faces)
+        origin: Scene | None = self.__dict__.get("_origin")
+        return build_bvh(self.vertices, self.faces) if origin is None else origin.bvh
 
     @cached_property
     def triangle_areas(self) -> Tensor:
@@ -198,7 +199,7 @@ class Scene:
         return self.camera
 
     def with_lights(self, lights: Sequence[Light]) -> Scene:
-        """Returns the scene with other lights; geometry, and its acceleration structure if built, are shared.
+        """Returns the scene with other lights; geometry and its acceleration structure are shared.
 
         Example:
             >>> from fovden.tracer import PointLight, make_scene
@@ -206,7 +207,8 @@ class Scene:
             1
         """
         changed = replace(self, lights=tuple(lights))
-        for name in ("bvh", "triangle_areas", "_geometry_arrays"):
+        changed.__dict__["_origin"] = self.__dict__.get("_origin", self)
+        for name in ("triangle_areas", "_geometry_arrays"):
             if name in self.__dict__:
                 changed.__dict__[name] = self.__dict__[name]
         return changed

@@ -167,5 +167,4 @@ class Sequence:
         if self.lights is None:
             return scene
         lights = tuple(light[frame] if isinstance(light, LightPath) else light for light in self.lights)
-        _ = scene.bvh  # built now, it is shared
         return scene.with_lights(lights)

@@ -1,11 +1,11 @@
 """Data sets give the same bits in every process, and frames that differ in what they should."""
 
-import pickle
-from multiprocessing import get_context
 from multiprocessing.context import set_spawning_popen
+from multiprocessing.reduction import ForkingPickler
 
 import pytest
 import torch
+from builders import rounded, scene_of, sphere
 from torch.utils.data import DataLoader
 
 from fovden.foveation import ThreeLayer, sample_map
@@ -15,6 +15,7 @@ from fovden.tracer import (
     GazePath,
     Pose,
     RigidMotion,
+    Scene,
     Sequence,
     accumulate_reference,
     make_scene,
@@ -60,7 +61,7 @@ def test_items_are_frames_and_references_of_the_sequence():
     assert same((frame, None), (expected, None))
     assert frame.gbuffer.motion.any()
     assert torch.equal(frame.gaze.pixels, now.gaze.pixels)
-    expected = accumulate_reference(now.scene, now.camera, spp=3, seed=5, progress=None)
+    expected = accumulate_reference(now.scene, now.camera, spp=3, seed=reference.seed, progress=None)
     assert torch.equal(reference.mean, expected.mean)
     assert not dataset[0][0].gbuffer.motion.any()
     assert same(dataset[-1], dataset[5])
@@ -79,6 +80,7 @@ def test_draws_share_the_reference_and_nothing_random():
     assert not torch.equal(one[0].counts, other[0].counts)
     seeds = {FrameDataset(sequence(), spp=1, seed=seed)[index][0].seed for seed in range(3) for index in range(3)}
     assert len(seeds) == 9
+    assert dataset[0][1].seed != dataset[1][1].seed  # or the noise of references would stand still on the screen
 
 
 @forks
@@ -91,25 +93,37 @@ def test_workers_make_the_same_bits(method):
     assert all(same(dataset[index], expected[index]) for index in range(3))  # the arrays of this process stand
 
 
-def test_a_spawned_worker_is_sent_no_tensors():
-    """What goes through the pipe are names of shared memory, made once; this process keeps its own memory."""
-    dataset = FrameDataset(sequence())
-    scene = dataset.sequence.scene
-    place, structure = scene.vertices.data_ptr(), scene.bvh
-    popen = get_context("spawn").Process()  # anything will do: it says that a process is being spawned
-    set_spawning_popen(popen)
+class Spawning:
+    """Stands for a process that is being spawned, and is given files."""
+
+    DupFd = int
+
+    def duplicate_for_child(self, file: int) -> int:
+        return file
+
+
+def test_a_spawned_worker_is_sent_the_names_of_shared_memory():
+    """Of a megabyte a few thousand bytes are sent, the memory is the same for every worker, and this process's own
+    tensors, which its kernels read, stay where they are."""
+    vertices, faces = sphere(5)
+    scene = scene_of((rounded(vertices), faces), camera=make_scene("cornell_box").camera)
+    own = [scene.vertices.data_ptr(), scene.bvh.nodes.data_ptr()]
+    set_spawning_popen(Spawning())
     try:
-        data = [pickle.dumps(scene), pickle.dumps(scene)]
+        sent = [len(ForkingPickler.dumps(FrameDataset(Sequence(scene)))) for _ in range(2)]
+        shared = scene.__getstate__()
     finally:
         set_spawning_popen(None)
-    assert data[0] == data[1]
-    assert scene.vertices.data_ptr() == place
-    copies = scene._copies
-    assert copies["vertices"].data_ptr() != place
-    assert torch.equal(copies["vertices"], scene.vertices)
-    assert copies["bvh"].nodes.data_ptr() != structure.nodes.data_ptr()
-    read = pickle.loads(data[0])
-    assert torch.equal(read.bvh.nodes.view(torch.int32), structure.nodes.view(torch.int32))
+    assert scene.bvh.nodes.nbytes + scene.bvh.blocks.nbytes + scene.vertices.nbytes + scene.faces.nbytes > 1e6
+    assert max(sent) < 20_000
+    assert shared["vertices"].is_shared()
+    assert shared["bvh"].nodes.is_shared()
+    assert own == [scene.vertices.data_ptr(), scene.bvh.nodes.data_ptr()]
+    assert torch.equal(shared["vertices"], scene.vertices)
+    read = Scene.__new__(Scene)
+    read.__setstate__(shared)
+    ray = torch.tensor([[0.1, 0.2, 3.0]]), torch.tensor([[0.0, 0.0, -1.0]])
+    assert read.intersect(*ray) == scene.intersect(*ray)
 
 
 @forks
@@ -138,14 +152,20 @@ def test_references_are_kept(tmp_path, monkeypatch):
     _, reference = dataset[1]
     assert [path.name for path in tmp_path.iterdir()] == ["cornell_box-00001-0.safetensors"]
     monkeypatch.setattr("fovden.parallel.run", None)  # nothing is traced for it again
-    kept = accumulate_reference(*dataset.sequence[1][:2], spp=2, checkpoint=next(tmp_path.iterdir()), progress=None)
+    file, settings = next(tmp_path.iterdir()), {"spp": 2, "seed": reference.seed, "progress": None}
+    kept = accumulate_reference(*dataset.sequence[1][:2], checkpoint=file, **settings)
     assert torch.equal(kept.mean, reference.mean)
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
-    [({"spp": 0}, "spp"), ({"seed": -1}, "seed"), ({"draws": 0}, "draws"), ({"reference_spp": 0}, "reference_spp")]
-    + [({"folder": "/nowhere"}, "an existing folder")],
+    [
+        ({"spp": 0}, "spp"),
+        ({"seed": -1}, "seed"),
+        ({"draws": 0}, "draws"),
+        ({"reference_spp": 0}, "reference_spp"),
+        ({"folder": "/nowhere"}, "an existing folder"),
+    ],
 )
 def test_bad_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
