@@ -19,6 +19,7 @@ from numba.extending import intrinsic
 
 __all__ = [
     "Lanes",
+    "advanced",
     "bits_of",
     "load",
     "load_int32",
@@ -228,6 +229,23 @@ def pointer_to(context: Any, array: Any) -> Any:
         return target.make_array(signature.args[0])(target, builder, arguments[0]).data
 
     return types.CPointer(array.dtype)(array), generate
+
+
+@intrinsic
+def advanced(context: Any, pointer: Any, count: Any) -> Any:
+    """Returns a pointer a number of elements further on.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> njit(lambda array: advanced(pointer_to(array), 1)[0])(np.array([1.0, 2.0]))
+        2.0
+    """
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        return builder.gep(arguments[0], [arguments[1]])
+
+    return pointer(pointer, types.int64), generate
 
 
 def _stack(numba_type: Any, llvm_type: Any) -> Any:

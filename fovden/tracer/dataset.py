@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence as Items
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +15,7 @@ from fovden.checks import require, require_integer
 from fovden.foveation.falloff import Falloff
 from fovden.foveation.sample_map import SampleMap, sample_map
 from fovden.frame import Frame, Reference
-from fovden.tracer.arrays import LightChoice
-from fovden.tracer.integrator import trace_frame
+from fovden.tracer.integrator import PAPERS, Integrator, trace_frame
 from fovden.tracer.reference import accumulate_reference
 from fovden.tracer.sequence import Sequence
 
@@ -47,7 +46,7 @@ class FrameDataset(Dataset[Item]):
             frame ``i % len(sequence)``.
         reference_spp: Samples per pixel of the references; ``None`` for none.
         folder: Existing folder that keeps references, so that each is traced once; ``None`` traces them every time.
-        lights: How each path of a frame chooses a light.
+        integrator: How paths are made. Those of references have as many bounces, and choose lights by power.
 
     Raises:
         ValueError: If a number is out of range, or the folder is not there.
@@ -70,7 +69,7 @@ class FrameDataset(Dataset[Item]):
     draws: int = 1
     reference_spp: int | None = None
     folder: str | os.PathLike[str] | None = None
-    lights: LightChoice = "uniform"
+    integrator: Integrator = PAPERS
 
     def __post_init__(self) -> None:
         require_integer("spp", self.spp, minimum=1)
@@ -97,7 +96,7 @@ class FrameDataset(Dataset[Item]):
         if self.falloff is not None:
             samples = sample_map(self.falloff, camera, gaze, self.spp, self.seed, index=index)
         frame = trace_frame(
-            scene, camera, samples, seed=self._seed(index), index=number, previous=previous, lights=self.lights
+            scene, camera, samples, seed=self._seed(index), index=number, previous=previous, integrator=self.integrator
         )
         if self.reference_spp is None:
             return frame, None
@@ -105,7 +104,13 @@ class FrameDataset(Dataset[Item]):
         if self.folder is not None:
             checkpoint = Path(self.folder) / f"{scene.name}-{number:05d}-{self.seed}.safetensors"
         reference = accumulate_reference(
-            scene, camera, spp=self.reference_spp, seed=self._seed(number), checkpoint=checkpoint, progress=None
+            scene,
+            camera,
+            spp=self.reference_spp,
+            seed=self._seed(number),
+            checkpoint=checkpoint,
+            integrator=replace(self.integrator, lights="power"),
+            progress=None,
         )
         return frame, reference
 

@@ -74,9 +74,9 @@ def trace_visible(
     def image(channels: int) -> Tensor:
         return torch.empty(count, channels, height, width)
 
-    albedo, normal, position, depth, emission = image(3), image(3), image(3), image(1), image(3)
+    albedo, normal, position, depth, roughness, emission = image(3), image(3), image(3), image(1), image(1), image(3)
     prim, barycentric = torch.empty(count, 1, height, width, dtype=torch.int32), image(2)
-    written = (albedo, normal, position, depth, prim, barycentric, emission)
+    written = (albedo, normal, position, depth, roughness, prim, barycentric, emission)
     parallel.run(
         paths.trace_primary,
         count * height * width,
@@ -91,7 +91,6 @@ def trace_visible(
         progress=progress,
         description="G-buffer",
     )
-    roughness = (prim >= 0).float()
     motion = torch.zeros(count, 2, height, width)
     gbuffer = GBuffer(albedo, normal, position, depth, roughness, motion, prim, barycentric)
     if previous is not None:
