@@ -47,14 +47,24 @@ def emissive_triangles(scene: Scene) -> Tensor:
     return (shines[scene.material_ids.long()] & (scene.triangle_areas > 0)).nonzero()[:, 0]
 
 
-def geometry_arrays(scene: Scene) -> GeometryArrays:
+def geometry_arrays(scene: Scene, alike: GeometryArrays | None = None) -> GeometryArrays:
     """Returns the triangles, materials and textures of a scene.
+
+    Args:
+        scene: The scene.
+        alike: Those of a scene with the same materials, to share all but the triangles with; ``None`` for none.
+
+    Returns:
+        The arrays.
 
     Example:
         >>> from fovden.tracer import make_scene
         >>> geometry_arrays(make_scene("cornell_box")).srgb.shape
         (256,)
     """
+    triangles = on_large_pages(_triangle_records(scene)).numpy()
+    if alike is not None:
+        return alike._replace(triangles=triangles)
     materials = scene.materials
     images = [*map(_packed, materials.textures), *map(_packed, materials.surfaces), *map(_packed, materials.opacities)]
     sizes = torch.tensor([tuple(image.shape) for image in images], dtype=torch.int64).reshape(-1, 2)
@@ -65,7 +75,7 @@ def geometry_arrays(scene: Scene) -> GeometryArrays:
     columns = (materials.albedo, materials.emission, materials.roughness, materials.metallic, materials.cutoff)
     finishes[:, : CUTOFF + 1] = torch.cat([column.detach().reshape(len(finishes), -1) for column in columns], 1)
     return GeometryArrays(
-        triangles=on_large_pages(_triangle_records(scene)).numpy(),
+        triangles=triangles,
         finishes=finishes.numpy(),
         links=torch.stack([materials.model, *links], 1).to(torch.int32).contiguous().numpy(),
         texels=on_large_pages(torch.cat([image.flatten() for image in images] or [torch.zeros(1, dtype=torch.int32)]))

@@ -15,7 +15,7 @@ from fovden.checks import require, require_integer
 from fovden.foveation.falloff import Falloff
 from fovden.foveation.sample_map import SampleMap, sample_map
 from fovden.frame import Frame, Reference
-from fovden.tracer.integrator import PAPERS, Integrator, trace_frame
+from fovden.tracer.integrator import PAPERS, Integrator, require_light, trace_frame
 from fovden.tracer.reference import accumulate_reference
 from fovden.tracer.sequence import Sequence
 
@@ -32,8 +32,9 @@ class FrameDataset(Dataset[Item]):
     process makes it and in whatever order. Its motion vectors lead to the frame before it in the sequence; those of the
     first frame are zero.
 
-    A worker that is forked shares the scene with its parent; make an item first, and it shares the acceleration
-    structure too. A worker that is spawned gets scene and structure in shared memory.
+    Workers need no preparation: PyTorch gives each a single thread, and random numbers are functions of the item's
+    number, not of a state. One that is forked shares the scene, its acceleration structure and its textures with its
+    parent; one that is spawned gets scene and structure in shared memory.
 
     Attributes:
         sequence: What is seen.
@@ -49,7 +50,7 @@ class FrameDataset(Dataset[Item]):
         integrator: How paths are made. Those of references have as many bounces, and choose lights by power.
 
     Raises:
-        ValueError: If a number is out of range, or the folder is not there.
+        ValueError: If a number is out of range, the folder is not there, or nothing in the scene gives light.
 
     Example:
         >>> from torch.utils.data import DataLoader
@@ -79,6 +80,7 @@ class FrameDataset(Dataset[Item]):
             require_integer("reference_spp", self.reference_spp, minimum=1)
         if self.folder is not None:
             require(Path(self.folder).is_dir(), "folder", self.folder, "an existing folder")
+        require_light(self.sequence[0].scene)  # here, not in a worker; and what it makes, forked workers share
 
     def __len__(self) -> int:
         return self.draws * len(self.sequence)

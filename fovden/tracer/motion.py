@@ -12,23 +12,23 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from fovden.camera import Camera, StereoCamera, pixel_centres
+from fovden import parallel
+from fovden.camera import Camera, StereoCamera
 from fovden.checks import require, require_shapes
 from fovden.frame import GBuffer
+from fovden.tracer.kernels import motion as kernels
 from fovden.tracer.scene import Scene
 from fovden.tracer.sequence import Instant
 
 __all__ = ["disoccluded", "motion_vectors"]
 
+PIXELS_PER_TILE = 8192
 SURFACE = 2.0**-13
 """A surface that is this share of the distance nearer than the point hides it; below, it is the point's own surface.
 
 A float32 ray passes the point within some 2^-22 of the distance. On a surface of slope tan a that displaces the hit by
 tan a times as much, which stays below this share up to 89.9 degrees.
 """
-
-AHEAD = 2.0**-20
-"""A point whose depth is a smaller share of its distance counts as beside the camera: no image is that wide."""
 
 
 def motion_vectors(
@@ -74,16 +74,7 @@ def motion_vectors(
         >>> motion_vectors(gbuffer, scene, camera, Instant(scene, camera)).abs().max()
         tensor(0.)
     """
-    views, height, width = _require_alike(gbuffer, scene, camera, previous)
-    motion = torch.empty(views.view_count, 2, height, width)
-    for view in range(views.view_count):
-        for row in range(0, height, rows := max(1, (1 << 17) // width)):
-            now, before = _points(gbuffer, scene, views, previous, jitter, view, slice(row, row + rows))
-            moved = before.pixels - now.pixels
-            hidden = torch.tensor([-width, -height], dtype=torch.float64) - now.pixels
-            moved = torch.where(before.ahead[:, None], moved, hidden)
-            motion[view, :, row : row + rows] = moved.float().T.reshape(2, -1, width)
-    return motion
+    return _reprojected(gbuffer, scene, camera, previous, jitter).motion
 
 
 def disoccluded(
@@ -125,32 +116,54 @@ def disoccluded(
         >>> disoccluded(gbuffer, scene, camera, Instant(scene, camera)).any()
         tensor(False)
     """
+    then = _reprojected(gbuffer, scene, camera, previous, jitter)
+    eye, row, column = then.visible.nonzero(as_tuple=True)
+    towards, prim = then.towards[eye, row, column], gbuffer.prim[eye, 0, row, column]
+    hits = previous.scene.intersect(previous.camera.views.origin.detach().float()[eye], towards)
+    # Towards a point, t is the share of its distance; towards the surroundings of a miss, any hit hides them.
+    nearer = torch.where(prim >= 0, hits.t < 1 - SURFACE, torch.isfinite(hits.t))
+    then.visible[eye, row, column] = ~(nearer & (hits.prim != prim))
+    return ~then.visible[:, None]
+
+
+class _Reprojected(NamedTuple):
+    """What :func:`fovden.tracer.kernels.motion.reproject` writes."""
+
+    motion: Tensor  # (v, 2, h, w)
+    towards: Tensor  # (v, h, w, 3)
+    visible: Tensor  # (v, h, w)
+
+
+def _reprojected(
+    gbuffer: GBuffer, scene: Scene, camera: Camera | StereoCamera, previous: Instant, jitter: tuple[float, float]
+) -> _Reprojected:
+    """Takes every pixel's point back to the previous frame."""
     views, height, width = _require_alike(gbuffer, scene, camera, previous)
-    size = torch.tensor([width, height])
-    result = torch.empty(views.view_count, 1, height, width, dtype=torch.bool)
-    for view in range(views.view_count):
-        for row in range(0, height, rows := max(1, (1 << 17) // width)):
-            now, before = _points(gbuffer, scene, views, previous, jitter, view, slice(row, row + rows))
-            inside = before.ahead & ((before.pixels >= 0) & (before.pixels <= size)).all(1)
-            hits = previous.scene.intersect(before.origin.expand_as(before.towards)[inside], before.towards[inside])
-            prim = now.prim[inside]
-            # Towards a point, t is the share of its distance; towards the surroundings of a miss, any hit hides them.
-            nearer = torch.where(prim >= 0, hits.t < 1 - SURFACE, torch.isfinite(hits.t))
-            visible = inside & (before.side == now.side)
-            visible[inside] &= ~(nearer & (hits.prim != prim))
-            result[view, 0, row : row + rows] = ~visible.reshape(-1, width)
+    count = views.view_count
+    result = _Reprojected(
+        torch.empty(count, 2, height, width),
+        torch.empty(count, height, width, 3),
+        torch.empty(count, height, width, dtype=torch.bool),
+    )
+    arguments = (
+        gbuffer.prim.contiguous().numpy(),
+        gbuffer.barycentric.detach().float().contiguous().numpy(),
+        scene.faces.numpy(),
+        _eyes(views, scene),
+        _eyes(previous.camera.views, previous.scene),
+        float(jitter[0]),
+        float(jitter[1]),
+        *(tensor.numpy() for tensor in result),
+    )
+    parallel.run(kernels.reproject, count * height * width, arguments, tile=PIXELS_PER_TILE)
     return result
 
 
-class _Points(NamedTuple):
-    """Surface points as one camera sees them, n of them; directions for the surroundings of a miss."""
-
-    prim: Tensor
-    pixels: Tensor  # (n, 2)
-    ahead: Tensor  # (n), whether it is in front of the camera
-    origin: Tensor  # (3)
-    towards: Tensor  # (n, 3), from the eye to the point
-    side: Tensor  # (n), the sign of the side that is seen
+def _eyes(views: Camera, scene: Scene) -> kernels.Eyes:
+    """Views and vertices as the kernel reads them."""
+    parts = (views.origin, views.rotation, views.bounds)
+    origin, rotation, bounds = (part.detach().double().contiguous().numpy() for part in parts)
+    return kernels.Eyes(origin, rotation, bounds, scene.vertices.detach().numpy())
 
 
 def _require_alike(
@@ -170,43 +183,3 @@ def _require_alike(
     same = previous.scene.faces is scene.faces or torch.equal(previous.scene.faces, scene.faces)
     require(same, "previous.scene.faces", "other triangles", "the triangles of the scene in the same order")
     return views, height, width
-
-
-def _points(
-    gbuffer: GBuffer,
-    scene: Scene,
-    views: Camera,
-    previous: Instant,
-    jitter: tuple[float, float],
-    view: int,
-    rows: slice,
-) -> tuple[_Points, _Points]:
-    """What some rows of a view show, as the camera sees it and as the previous one saw it."""
-    prim = gbuffer.prim[view, 0, rows].flatten()
-    u, v = gbuffer.barycentric[view, :, rows].flatten(1).double()[:, :, None]
-    hit = prim >= 0
-    corners = scene.faces[prim.clamp_min(0).long()].long()
-    now, before = _single(views, view), _single(previous.camera.views, view)
-    width = views.resolution[1]
-    shift = torch.tensor([jitter[0], rows.start + jitter[1]], dtype=torch.float64)
-    through = pixel_centres((len(prim) // width, width)).double() + shift
-    away = now.rays(through[None]).directions[0]  # to the surroundings
-    seen = []
-    for where, vertices in ((now, scene.vertices), (before, previous.scene.vertices)):
-        a, b, c = vertices.detach()[corners].double().unbind(1)
-        across, along = b - a, c - a
-        origin = where.origin[0]
-        towards = torch.where(hit[:, None], a + u * across + v * along - origin, away)
-        pixels, depth = where.project((towards + origin)[None])
-        facing = torch.linalg.vecdot(torch.linalg.cross(across, along), towards)
-        side = torch.where(hit, facing.sign(), 0.0)
-        ahead = depth[0] > AHEAD * torch.linalg.vector_norm(towards, dim=1)
-        seen.append(_Points(prim, pixels[0], ahead, origin, towards, side))
-    return seen[0], seen[1]
-
-
-def _single(views: Camera, view: int) -> Camera:
-    """One of the views, in float64."""
-    parts = (views.origin, views.rotation, views.bounds)
-    origin, rotation, bounds = (part[view : view + 1].detach().double() for part in parts)
-    return Camera(origin, rotation, bounds, views.resolution)

@@ -151,15 +151,13 @@ class Sequence:
         if all(pose == REST for pose in poses):
             return self.scene
         if poses not in self._recent:
-            vertices, normals = self.scene.vertices.detach().clone(), self.scene.normals
-            assert normals is not None  # filled in by Scene
-            normals = normals.detach().clone()
+            vertices, normals = self.scene.vertices.detach().clone(), self.scene.normals.detach().clone()
             for motion, part in zip(self.objects, self._parts, strict=True):
                 vertices[part] = motion.moved(vertices[part], frame).float()
                 normals[part] = motion.turned(normals[part], frame).float()
             while len(self._recent) >= 2:
                 del self._recent[next(iter(self._recent))]
-            self._recent[poses] = replace(self.scene, vertices=vertices, normals=normals)
+            self._recent[poses] = self.scene.with_vertices(vertices, normals)
         return self._recent[poses]
 
     def _lit(self, scene: Scene, frame: int) -> Scene:

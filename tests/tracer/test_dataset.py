@@ -10,9 +10,11 @@ from torch.utils.data import DataLoader
 
 from fovden.foveation import ThreeLayer, sample_map
 from fovden.tracer import (
+    EnvironmentLight,
     FrameDataset,
     GazeKeyframe,
     GazePath,
+    Integrator,
     Pose,
     RigidMotion,
     Scene,
@@ -83,7 +85,30 @@ def test_draws_share_the_reference_and_nothing_random():
     assert dataset[0][1].seed != dataset[1][1].seed  # or the noise of references would stand still on the screen
 
 
+def test_frames_and_references_have_the_same_bounces():
+    dark = FrameDataset(sequence(), spp=1, reference_spp=2, integrator=Integrator(bounces=0))
+    frame, reference = dark[0]
+    assert not frame.indirect.any()
+    now, settings = dark.sequence[0], {"spp": 2, "seed": reference.seed, "progress": None}
+    expected = [
+        accumulate_reference(now.scene, now.camera, integrator=Integrator(bounces, "power"), **settings).mean
+        for bounces in (0, 1)
+    ]
+    assert torch.equal(reference.mean, expected[0])
+    assert not torch.equal(reference.mean, expected[1])
+
+
+@pytest.fixture
+def two_threads():
+    """As many threads as PyTorch has on two cores; the pool that they make does not survive a fork."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(before)
+
+
 @forks
+@pytest.mark.usefixtures("two_threads")
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_workers_make_the_same_bits(method):
     dataset = FrameDataset(sequence(), ThreeLayer(r0=2, r1=4), spp=2, seed=1, reference_spp=2)
@@ -91,6 +116,36 @@ def test_workers_make_the_same_bits(method):
     loader = DataLoader(dataset, batch_size=None, num_workers=2, multiprocessing_context=method, timeout=120)
     assert all(same(item, wanted) for item, wanted in zip(loader, expected, strict=True))
     assert all(same(dataset[index], expected[index]) for index in range(3))  # the arrays of this process stand
+
+
+@forks
+@pytest.mark.usefixtures("two_threads")
+@pytest.mark.parametrize("workers", [0, 1, 2])
+def test_order_and_number_of_workers_do_not_matter(workers):
+    """Two shuffled epochs of the same workers, whatever PyTorch's, NumPy's and Python's own random states are."""
+    dataset = FrameDataset(sequence(), ThreeLayer(r0=2, r1=4), spp=1, seed=3, draws=2)
+    expected = {dataset[index][0].seed: dataset[index] for index in range(6)}
+    assert len(expected) == 6
+    loader = DataLoader(
+        dataset,
+        batch_size=None,
+        shuffle=True,
+        generator=torch.Generator().manual_seed(workers),
+        num_workers=workers,
+        persistent_workers=workers > 0,
+        multiprocessing_context="fork" if workers else None,
+        timeout=120 if workers else 0,
+    )
+    epochs = [[(item[0].seed, same(item, expected[item[0].seed])) for item in loader] for _ in range(2)]
+    assert epochs[0] != epochs[1]
+    assert all({seed for seed, _ in epoch} == set(expected) and all(kept for _, kept in epoch) for epoch in epochs)
+
+
+def test_a_sequence_in_the_dark_is_refused_where_it_is_made():
+    vertices, faces = sphere(1)
+    dark = scene_of((rounded(vertices), faces), camera=make_scene("cornell_box").camera)
+    with pytest.raises(ValueError, match="at least one light"):
+        FrameDataset(Sequence(dark))
 
 
 class Spawning:
@@ -106,7 +161,7 @@ def test_a_spawned_worker_is_sent_the_names_of_shared_memory():
     """Of a megabyte a few thousand bytes are sent, the memory is the same for every worker, and this process's own
     tensors, which its kernels read, stay where they are."""
     vertices, faces = sphere(5)
-    scene = scene_of((rounded(vertices), faces), camera=make_scene("cornell_box").camera)
+    scene = scene_of((rounded(vertices), faces), camera=make_scene("cornell_box").camera, lights=(EnvironmentLight(1),))
     own = [scene.vertices.data_ptr(), scene.bvh.nodes.data_ptr()]
     set_spawning_popen(Spawning())
     try:

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 from brute_force import all_pairs
@@ -51,19 +52,21 @@ def view(seed, **changes) -> StereoCamera:
     )
 
 
-def moving(scene, seed) -> tuple[Instant, Instant]:
-    """The instants of two frames in which camera, ball and block move."""
+def poses(seed) -> dict[str, tuple[Pose, Pose]]:
+    """How ball and block stand in two frames."""
     shift = (torch.rand(2, 3, generator=generator(seed + 100)) * 0.6 - 0.3).tolist()
     turn = (torch.rand(4, generator=generator(seed + 200)) * 0.6 - 0.3).tolist()
+    ball = (Pose(0, rotation=(turn[0], turn[1], 0, 1)), Pose(1, shift[0], (0, turn[2], turn[3], 1)))
+    return {"ball": ball, "block": (Pose(0), Pose(1, shift[1], (turn[1], turn[0], turn[2], 1)))}
+
+
+def moving(scene, seed) -> tuple[Instant, Instant]:
+    """The instants of two frames in which camera, ball and block move."""
     first, last = view(seed), view(seed, fov_y_deg=60)
     nudge = (torch.rand(3, generator=generator(seed + 300)) * 0.4 - 0.2).tolist()
     eye = tuple(a + b for a, b in zip(first.eye, nudge, strict=True))
     path = CameraPath(last, ((0, first.eye, first.target), (1, eye, first.target)))
-    objects = (
-        RigidMotion("ball", (Pose(0, rotation=(turn[0], turn[1], 0, 1)), Pose(1, shift[0], (0, turn[2], turn[3], 1)))),
-        RigidMotion("block", (Pose(0), Pose(1, shift[1], (turn[1], turn[0], turn[2], 1)))),
-    )
-    sequence = Sequence(scene, path, objects=objects)
+    sequence = Sequence(scene, path, objects=tuple(RigidMotion(*part) for part in poses(seed).items()))
     return sequence[1], sequence[0]
 
 
@@ -103,6 +106,51 @@ def test_motion_lands_on_the_same_surface_point(seed, jitter):
     assert float(apart[same].median()) < 1e-5
     # Of another frame it is not: the test can fail.
     assert float(gbuffer.motion.abs().amax()) > 1
+
+
+def project_by_hand(points, camera, offset):
+    """Pixels (x, y) of points (n, 3) in the eye at an offset to the right, from the words that describe the camera."""
+    eye, target, up = (np.array(each) for each in (camera.eye, camera.target, camera.up))
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
+    away = points - (eye + offset * right)
+    depth = away @ forward
+    x = away @ right / depth + offset / camera.convergence  # an axis that meets the other eye's at the convergence
+    y = away @ np.cross(right, forward) / depth
+    height, width = camera.resolution
+    focal = height / 2 / np.tan(np.radians(camera.fov_y_deg) / 2)
+    return np.stack([width / 2 + focal * x, height / 2 - focal * y], 1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_motion_is_that_of_a_projection_by_hand(seed):
+    """Each pixel's position, taken to the previous frame by SciPy's rotations and projected by the pinhole's words.
+
+    Positions and moved vertices are rounded to float32 at up to 6 m: some 4e-6 m together, less what both share.
+    """
+    rotation_of = pytest.importorskip("scipy.spatial.transform").Rotation.from_quat
+    scene = world()
+    now, previous = moving(scene, seed)
+    gbuffer = trace_gbuffer(now.scene, now.camera, previous=previous)
+    focal = RESOLUTION[0] / 2 / np.tan(np.radians(30))
+    names, moved = scene.materials.names, 0
+    for eye, offset in enumerate((-0.063 / 2, 0.063 / 2)):
+        points = gbuffer.position[eye].flatten(1).T.double().numpy()
+        before = points.copy()
+        for name, (first, last) in poses(seed).items():
+            triangles = scene.material_ids == names.index(name)
+            corners = scene.vertices[scene.faces[triangles].long()].double().numpy().reshape(-1, 3)
+            pivot = (corners.min(0) + corners.max(0)) / 2
+            seen = triangles[gbuffer.prim[eye].flatten().long()].numpy()
+            rest = rotation_of(last.rotation).inv().apply(points[seen] - pivot - last.translation)
+            before[seen] = rotation_of(first.rotation).apply(rest) + pivot + first.translation
+            moved += int(seen.sum())
+        expected = project_by_hand(before, previous.camera, offset) - project_by_hand(points, now.camera, offset)
+        found = gbuffer.motion[eye].flatten(1).T.numpy()
+        ahead = found[:, 0] > -RESOLUTION[1]
+        np.testing.assert_allclose(found[ahead], expected[ahead], atol=focal * 4e-6 / float(gbuffer.depth.min()))
+        assert ahead.all()
+    assert moved > 100
 
 
 @pytest.mark.parametrize("eye", [0, 1])

@@ -1,11 +1,12 @@
 """Sequences: what moves, what rests, what is shared, and walks through the scenes made in code."""
 
+import dataclasses
 import pickle
 
 import numpy as np
 import pytest
 import torch
-from builders import box, rounded, scene_of, sphere
+from builders import box, generator, rounded, scene_of, sphere
 from procedural_scenes import WHOLE_SCENES
 
 from fovden.camera import StereoCamera
@@ -16,12 +17,14 @@ from fovden.tracer import (
     LightKeyframe,
     LightPath,
     Material,
+    Materials,
     PointLight,
     Pose,
     RigidMotion,
     Scene,
     Sequence,
     make_scene,
+    trace_frame,
     trace_gbuffer,
 )
 
@@ -112,6 +115,22 @@ def test_scenes_are_kept_for_the_next_frame():
     assert lit[6].scene.bvh is lit[6].scene.bvh is not seven.bvh
     still = Sequence(scene, lights=(lamp,))
     assert still[0].scene.bvh is still[7].scene.bvh is scene.bvh
+
+
+def test_moved_scenes_are_those_made_anew_and_share_their_textures():
+    image = torch.randint(0, 256, (4, 4, 3), generator=generator(1), dtype=torch.uint8)
+    ball = Material("ball", (0.6, 0.2, 0.1), emission=(1.0, 2.0, 3.0))
+    plain = ball_in_box(uv=torch.rand(216, 2, generator=generator(2)))
+    scene = dataclasses.replace(plain, materials=Materials.of([Material("wall", (0.7, 0.7, 0.7), texture=image), ball]))
+    sequence = Sequence(scene, objects=(RigidMotion("ball", (Pose(0, (0.5, 0.0, 0.0), QUARTER),)),), lights=(LAMP,))
+    moved = sequence[0].scene
+    made = Scene(**{each.name: getattr(moved, each.name) for each in dataclasses.fields(Scene) if each.init})
+    frame, expected = trace_frame(moved, CAMERA, 2), trace_frame(made, CAMERA, 2)
+    assert torch.equal(frame.radiance, expected.radiance)
+    assert torch.equal(frame.gbuffer.position, expected.gbuffer.position)
+    assert not torch.equal(frame.radiance, trace_frame(scene, CAMERA, 2).radiance)
+    texels = [each.kernel_arrays("uniform")[2].texels for each in (scene, moved, moved.with_lights(()), made)]
+    assert [np.shares_memory(texels[0], each) for each in texels] == [True, True, True, False]
 
 
 def test_objects_that_tear_or_share_triangles_are_refused():
