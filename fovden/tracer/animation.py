@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -13,9 +13,7 @@ from torch import Tensor
 from fovden.checks import require, require_integer
 from fovden.tracer.curves import interpolate, interpolate_rotations, require_frames, rotation_matrix
 from fovden.tracer.lights import Light
-
-if TYPE_CHECKING:
-    from fovden.tracer.scene import Scene
+from fovden.tracer.scene import Scene
 
 __all__ = ["LightKeyframe", "LightPath", "Pose", "RigidMotion"]
 

@@ -75,7 +75,7 @@ def build_bvh(vertices: Tensor, faces: Tensor) -> Bvh:
 class Tree(NamedTuple):
     """Which triangles lie together, apart from where they are: what is kept to fit a structure to moved triangles.
 
-    NumPy arrays; see :mod:`fovden.tracer.kernels.build` for all but the number of leaf blocks.
+    NumPy arrays; see ``fovden/tracer/kernels/build.py`` for all but the number of leaf blocks.
     """
 
     node_boxes: Any
@@ -89,7 +89,7 @@ class Tree(NamedTuple):
 
 
 def build_tree(vertices: Tensor, faces: Tensor) -> Tree:
-    """Returns the tree of a triangle mesh: what takes most of the time of :func:`build_bvh`.
+    """Returns the tree of a triangle mesh: what takes most of the time of :func:`fovden.tracer.build_bvh`.
 
     Args:
         vertices: Positions, float32, finite, shape (n, 3).
