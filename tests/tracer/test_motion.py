@@ -173,20 +173,22 @@ def test_without_motion_there_is_none():
     assert not disoccluded(gbuffer, scene, camera, Instant(scene, camera), jitter=(0.2, 0.4)).any()
 
 
-def test_the_surroundings_move_by_the_turn_alone():
+@pytest.mark.parametrize("jitter", [(0.0, 0.0), (0.4, -0.3)])
+def test_the_surroundings_move_by_the_turn_alone(jitter):
     scene = world(open_sky=True)
     camera = view(1)
     turned = dataclasses.replace(camera, eye=(9.0, 4.0, -5.0), target=(9.0 - 0.1, 4.0, -6.0))
     previous = Instant(scene, turned)
-    gbuffer = trace_gbuffer(scene, camera, previous=previous)
+    gbuffer = trace_gbuffer(scene, camera, jitter=jitter, previous=previous)
+    through = pixel_centres(RESOLUTION) + torch.tensor(jitter)
     miss = ~pixels(gbuffer.hit)[..., 0]
     assert 0.3 < float(miss.float().mean()) < 0.9
-    directions = camera.views.rays().directions.double()
+    directions = camera.views.rays(through.expand(2, -1, 2)).directions.double()
     local = directions @ turned.views.rotation.double()
     left, right, bottom, top = (edge.double()[:, None] for edge in turned.views.bounds.unbind(1))
     x = (local[..., 0] / -local[..., 2] - left) / (right - left) * RESOLUTION[1]
     y = (top - local[..., 1] / -local[..., 2]) / (top - bottom) * RESOLUTION[0]
-    expected = torch.stack([x, y], -1) - pixel_centres(RESOLUTION)
+    expected = torch.stack([x, y], -1) - through
     ahead = (local[..., 2] < -0.1) & miss
     assert ahead.any()
     # Directions are off by 4 U, times 30 pixels per unit of tangent, times up to 1 / 0.1^2.
