@@ -115,9 +115,10 @@ class Scene:
         """Areas of the triangles in square metres, float64, shape (m)."""
         if self._same_geometry is not None:
             return self._same_geometry.triangle_areas
-        corners = self.vertices.detach().double()[self.faces.long()]
-        edges = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        areas: Tensor = torch.linalg.vector_norm(edges, dim=1) / 2
+        if self._same_surfaces is None:
+            return _areas(self.vertices, self.faces)
+        areas = self._same_surfaces.triangle_areas.clone()
+        areas[self._changed] = _areas(self.vertices, self.faces[self._changed])
         return areas
 
     def kernel_arrays(self, lights: LightChoice) -> tuple[Any, ...]:
@@ -143,7 +144,17 @@ class Scene:
     def _geometry_arrays(self) -> GeometryArrays:
         if self._same_geometry is not None:
             return self._same_geometry._geometry_arrays
-        return geometry_arrays(self, None if self._same_surfaces is None else self._same_surfaces._geometry_arrays)
+        if self._same_surfaces is not None:
+            return geometry_arrays(self, self._same_surfaces._geometry_arrays, self._changed)
+        return geometry_arrays(self)
+
+    @cached_property
+    def _changed(self) -> Tensor:
+        """Numbers of the triangles that lie or look elsewhere than in the scene whose surfaces these are."""
+        assert self._same_surfaces is not None
+        pairs = ((self.vertices, self._same_surfaces.vertices), (self.normals, self._same_surfaces.normals))
+        moved = torch.stack([(after != before).any(1) for after, before in pairs]).any(0)
+        return moved[self.faces.long()].any(1).nonzero()[:, 0]
 
     @property
     def _same_geometry(self) -> Scene | None:
@@ -319,6 +330,13 @@ class Scene:
     @never_raising
     def _repr_html_(self) -> str:
         return scene_card(self)
+
+
+def _areas(vertices: Tensor, faces: Tensor) -> Tensor:
+    corners = vertices.detach().double()[faces.long()]
+    edges = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas: Tensor = torch.linalg.vector_norm(edges, dim=1) / 2
+    return areas
 
 
 def _require_indices(name: str, indices: Tensor, count: int) -> None:
