@@ -49,7 +49,8 @@ class Sequence:
 
     Whatever has a path moves, everything else rests; a path that has ended keeps its last value. Vertices keep their
     order and triangles their numbers. Where nothing but lights and camera changes, the scenes of all frames share
-    geometry and acceleration structure; where an object moves, the structure is built anew, once per frame.
+    geometry and acceleration structure; where an object moves, the structure of the scene at rest is fitted to each
+    frame, see :meth:`fovden.tracer.Scene.with_vertices`.
 
     Attributes:
         scene: The scene at rest.
