@@ -31,6 +31,7 @@ from fovden.tracer.kernels.surface import (
     Geometry,
     GeometryArrays,
     Surface,
+    albedo_of,
     emitted,
     emitter_of,
     geometry_pointers,
@@ -102,16 +103,23 @@ def trace(world: World, scratch: Scratch, origin: Vector, direction: Vector) -> 
 
 
 @inlined
-def coloured(surface: Surface, white: Float, share: Float) -> Vector:
+def coloured(albedo: Vector, white: Float, share: Float) -> Vector:
     """White + albedo * share: a reflectance by its two numbers."""
-    a = surface.albedo
-    return Vector(white + a.x * share, white + a.y * share, white + a.z * share)
+    return Vector(white + albedo.x * share, white + albedo.y * share, white + albedo.z * share)
+
+
+class Found(NamedTuple):
+    """Light that a surface reflects: colour * (white + albedo * coloured)."""
+
+    colour: Vector
+    white: Float
+    coloured: Float
 
 
 @inlined
 def sampled_light(
     world: World, scratch: Scratch, surface: Surface, viewer: Vector, xi: Vector, alone: bool, tape: Tape, first: Int
-) -> Vector:
+) -> Found:
     """Light of one randomly chosen light that the surface reflects: its share of all the light there.
 
     Where a bounce could find the light too and light sampling is not ``alone``, it is weighted accordingly.
@@ -130,8 +138,8 @@ def sampled_light(
                 tape.numbers[first + LIGHT] = np.float32(light.row)
                 tape.numbers[first + WHITE], tape.numbers[first + COLOURED] = white, share
                 write_three(tape.numbers, first + TO_LIGHT, d)
-            return product(light.colour, coloured(surface, white, share))
-    return Vector(ZERO, ZERO, ZERO)
+            return Found(light.colour, white, share)
+    return Found(light.colour, ZERO, ZERO)
 
 
 @inlined
@@ -181,6 +189,7 @@ def trace_path(
     scratch: Scratch,
     start: Hit,
     surface: Surface,
+    albedo: Vector,
     viewer: Vector,
     setting: Setting,
     pixel: Int,
@@ -198,6 +207,7 @@ def trace_path(
         scratch: The thread's working memory.
         start: The hit of the first surface.
         surface: The first surface.
+        albedo: Its albedo.
         viewer: Unit direction from there to the viewer.
         setting: How paths are made.
         pixel: Address of the random numbers, as are the next two.
@@ -213,20 +223,23 @@ def trace_path(
         if tape.runs:
             begin_vertex(tape, first, hit)
         x, y, z, fate = draw(sampler, seed, stream, pixel, view, number, 2 * vertex)
-        arrived = sampled_light(world, scratch, surface, viewer, Vector(x, y, z), is_last, tape, first)
-        found, goes_on = product(throughput, arrived), False
+        light = sampled_light(world, scratch, surface, viewer, Vector(x, y, z), is_last, tape, first)
+        if vertex > 0:
+            albedo = albedo_of(world.geometry, surface)
+        reflected = product(light.colour, coloured(albedo, light.white, light.coloured))
+        found, goes_on = product(throughput, reflected), False
         if not is_last:
             x, y, z, _ = draw(sampler, seed, stream, pixel, view, number, 2 * vertex + 1)
             bounce = sample(surface, viewer, x, y, z)
             goes_on = bounce.density > ZERO and dot(bounce.direction, surface.geometric) > ZERO
             survival = ONE
             if vertex + 1 >= setting.roulette:
-                weighted = product(throughput, coloured(surface, bounce.white, bounce.coloured))
+                weighted = product(throughput, coloured(albedo, bounce.white, bounce.coloured))
                 survival = min(SURVIVAL, largest_component(weighted))
                 goes_on = goes_on and fate < survival
             if goes_on:
                 white, share = bounce.white / survival, bounce.coloured / survival
-                throughput = product(throughput, coloured(surface, white, share))
+                throughput = product(throughput, coloured(albedo, white, share))
                 hit = trace(world, scratch, origin_above(surface), bounce.direction)
                 if tape.runs:
                     tape.numbers[first + BOUNCE_WHITE], tape.numbers[first + BOUNCE_COLOURED] = white, share

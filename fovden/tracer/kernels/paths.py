@@ -13,7 +13,7 @@ from fovden.tracer.kernels.bsdf import LAMBERT
 from fovden.tracer.kernels.illumination import LightTable, environment_radiance
 from fovden.tracer.kernels.layout import RESULTS_SIZE, STACK_SIZE, WIDTH
 from fovden.tracer.kernels.path import TAPE, Hit, Setting, Tape, World, open_world, trace, trace_path
-from fovden.tracer.kernels.surface import GeometryArrays, emitted, surface_at
+from fovden.tracer.kernels.surface import GeometryArrays, albedo_of, emitted, surface_at
 from fovden.tracer.kernels.traversal import Scratch
 from fovden.tracer.kernels.vectors import Vector, added, dot, luminance, normalised, scaled
 
@@ -91,7 +91,7 @@ def trace_primary(
         write(emission, view, y, x, background(world, hit, direction))
         if hit.prim >= 0:
             surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
-            write(albedo, view, y, x, surface.albedo)
+            write(albedo, view, y, x, albedo_of(world.geometry, surface))
             write(normal, view, y, x, surface.normal)
             write(position, view, y, x, surface.position)
             axis = views.forward[view]
@@ -163,6 +163,7 @@ def trace_listed(
             _, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
             hit = Hit(ZERO, barycentric[view, 0, y, x], barycentric[view, 1, y, x], np.int64(prim[view, 0, y, x]))
             surface, viewer = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction), scaled(direction, -ONE)
+            albedo = albedo_of(world.geometry, surface)
             for sample in range(samples):
                 place = (tape_first[i] + sample) * per_path if taped else np.int64(0)
                 first, second = trace_path(
@@ -170,6 +171,7 @@ def trace_listed(
                     scratch,
                     hit,
                     surface,
+                    albedo,
                     viewer,
                     setting,
                     y * width + x,
@@ -233,7 +235,7 @@ def accumulate_all(
         origin, direction = view_ray(views, view, np.float32(x) + HALF, np.float32(y) + HALF)
         hit = Hit(INFINITY, ZERO, ZERO, MISS)
         surface = surface_at(world.geometry, 0, ZERO, ZERO, direction)
-        own = BLACK
+        albedo, own = BLACK, BLACK
         for sample in range(first_sample, last_sample):
             if jittered or sample == first_sample:
                 if jittered:
@@ -243,11 +245,13 @@ def accumulate_all(
                 own = background(world, hit, direction)
                 if hit.prim >= 0:
                     surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
+                    albedo = albedo_of(world.geometry, surface)
             value = own
             if hit.prim >= 0:
                 viewer = scaled(direction, -ONE)
+                pixel, tape = y * width + x, Tape(nowhere, False)
                 first, second = trace_path(
-                    world, scratch, hit, surface, viewer, setting, y * width + x, view, sample, Tape(nowhere, False)
+                    world, scratch, hit, surface, albedo, viewer, setting, pixel, view, sample, tape
                 )
                 value = added(added(first, second, ONE), own, ONE)
             total[view, 0, y, x] += value.x

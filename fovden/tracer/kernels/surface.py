@@ -6,13 +6,12 @@ vertex numbers they would lie in some ten lines all over memory, and shading wou
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
-from fovden.simd import load_int32, pointer_to
+from fovden.simd import load_int32, pointer_to, prefetch
 from fovden.tracer.kernels.vectors import Vector, added, cross, dot, largest_component, normalised, product, scaled
 
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
@@ -78,8 +77,10 @@ class Surface(NamedTuple):
     position: Vector
     normal: Vector
     geometric: Vector
-    albedo: Vector
     offset: Float  # metres above the geometric plane at which a new ray starts
+    material: Int
+    s: Float  # texture coordinates, 0 without a texture
+    t: Float
     model: Int  # index into ``materials.MODELS``
     roughness: Float
     metallic: Float
@@ -144,22 +145,23 @@ def texture_coordinates(geometry: Geometry, prim: Int, u: Float, v: Float) -> tu
 
 
 @inlined
-def wrap(i: Int, size: Int) -> Int:
-    """Index modulo size, also for negative ones: a repeating image."""
-    i = i % size
-    return i + size if i < 0 else i
+def whole_below(x: Float) -> Int:
+    """The greatest integer that is not above x, without the call of a library that ``math.floor`` is."""
+    i = np.int64(x)
+    return i - 1 if np.float32(i) > x else i
 
 
-@kernel
+@inlined
 def place_in(geometry: Geometry, image: Int, s: Float, t: Float) -> Place:
     """Where texture coordinates lie in a repeating image; (0, 0) is its lower left corner."""
     k = np.int64(3) * image
     first, height, width = geometry.images[k], geometry.images[k + 1], geometry.images[k + 2]
-    x = (s - np.float32(math.floor(s))) * np.float32(width) - HALF
-    y = (ONE - (t - np.float32(math.floor(t)))) * np.float32(height) - HALF
-    column, row = math.floor(x), math.floor(y)
-    left, right = wrap(column, width), wrap(column + 1, width)
-    upper, lower = first + wrap(row, height) * width, first + wrap(row + 1, height) * width
+    x = (s - np.float32(whole_below(s))) * np.float32(width) - HALF
+    y = (ONE - (t - np.float32(whole_below(t)))) * np.float32(height) - HALF
+    column, row = whole_below(x), whole_below(y)  # from -1 to size - 1
+    left, right = column if column >= 0 else width - 1, column + 1 if column + 1 < width else 0
+    upper = first + (row if row >= 0 else height - 1) * width
+    lower = first + (row + 1 if row + 1 < height else 0) * width
     dx, dy = x - np.float32(column), y - np.float32(row)
     return Place(upper + left, upper + right, lower + left, lower + right, dx, dy)
 
@@ -229,20 +231,35 @@ def surface_at(geometry: Geometry, prim: Int, u: Float, v: Float, direction: Vec
         normal = scaled(normal, -ONE)
     material = material_of(geometry, prim)
     finish, link = np.int64(FINISH) * material, np.int64(LINKS) * material
-    albedo = three(geometry.finishes, finish)
     roughness, metallic = geometry.finishes[finish + ROUGHNESS], geometry.finishes[finish + METALLIC]
     texture, factors = geometry.links[link + TEXTURE], geometry.links[link + FACTORS]
+    s, t = ZERO, ZERO
     if texture >= 0 or factors >= 0:
         s, t = texture_coordinates(geometry, prim, u, v)
         if texture >= 0:
-            albedo = product(albedo, texture_colour(geometry, texture, s, t))
+            place = place_in(geometry, texture, s, t)
+            prefetch(geometry.texels, place.upper_left)
+            prefetch(geometry.texels, place.lower_left)
         if factors >= 0:
             place = place_in(geometry, factors, s, t)
             roughness *= channel(geometry, place, np.uint32(0))
             metallic *= channel(geometry, place, GREEN_BITS)
     reach = largest_component(position) + max(largest_component(edge_1), largest_component(edge_2))
     model = geometry.links[link + MODEL]
-    return Surface(position, normal, geometric, albedo, reach * OFFSET, model, roughness, metallic)
+    return Surface(position, normal, geometric, reach * OFFSET, material, s, t, model, roughness, metallic)
+
+
+@kernel
+def albedo_of(geometry: Geometry, surface: Surface) -> Vector:
+    """What part of the light a surface reflects.
+
+    :func:`surface_at` only asks for the texels: they are slow to come, and a path has other things to do first.
+    """
+    albedo = three(geometry.finishes, np.int64(FINISH) * surface.material)
+    texture = geometry.links[np.int64(LINKS) * surface.material + TEXTURE]
+    if texture >= 0:
+        return product(albedo, texture_colour(geometry, texture, surface.s, surface.t))
+    return albedo
 
 
 @kernel
