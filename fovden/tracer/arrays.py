@@ -47,14 +47,31 @@ def emissive_triangles(scene: Scene) -> Tensor:
     return (shines[scene.material_ids.long()] & (scene.triangle_areas > 0)).nonzero()[:, 0]
 
 
-def geometry_arrays(scene: Scene) -> GeometryArrays:
+def geometry_arrays(scene: Scene, alike: GeometryArrays | None = None, changed: Tensor | None = None) -> GeometryArrays:
     """Returns the triangles, materials and textures of a scene.
+
+    Args:
+        scene: The scene.
+        alike: Those of a scene that differs in the places of vertices alone, to share what does not depend on them;
+            ``None`` for none.
+        changed: Numbers of the triangles in which it differs.
+
+    Returns:
+        The arrays.
 
     Example:
         >>> from fovden.tracer import make_scene
         >>> geometry_arrays(make_scene("cornell_box")).srgb.shape
         (256,)
     """
+    if alike is not None:
+        before = torch.from_numpy(alike.triangles)
+        triangles = on_large_pages(before)
+        triangles = triangles.clone() if triangles.data_ptr() == before.data_ptr() else triangles
+        _write_triangles(triangles, scene, changed)
+        return alike._replace(triangles=triangles.numpy())
+    triangles = torch.zeros(scene.triangle_count, RECORD)
+    _write_triangles(triangles, scene)
     materials = scene.materials
     images = [*map(_packed, materials.textures), *map(_packed, materials.surfaces), *map(_packed, materials.opacities)]
     sizes = torch.tensor([tuple(image.shape) for image in images], dtype=torch.int64).reshape(-1, 2)
@@ -65,7 +82,7 @@ def geometry_arrays(scene: Scene) -> GeometryArrays:
     columns = (materials.albedo, materials.emission, materials.roughness, materials.metallic, materials.cutoff)
     finishes[:, : CUTOFF + 1] = torch.cat([column.detach().reshape(len(finishes), -1) for column in columns], 1)
     return GeometryArrays(
-        triangles=on_large_pages(_triangle_records(scene)).numpy(),
+        triangles=on_large_pages(triangles).numpy(),
         finishes=finishes.numpy(),
         links=torch.stack([materials.model, *links], 1).to(torch.int32).contiguous().numpy(),
         texels=on_large_pages(torch.cat([image.flatten() for image in images] or [torch.zeros(1, dtype=torch.int32)]))
@@ -76,20 +93,22 @@ def geometry_arrays(scene: Scene) -> GeometryArrays:
     )
 
 
-def _triangle_records(scene: Scene) -> Tensor:
-    """The triangles as :mod:`fovden.tracer.kernels.surface` reads them, float32, shape (m, 32)."""
-    faces = scene.faces.long()
-    records = torch.zeros(len(faces), RECORD)
+def _write_triangles(records: Tensor, scene: Scene, changed: Tensor | None = None) -> None:
+    """Writes all triangles, or those that changed, as :mod:`fovden.tracer.kernels.surface` reads them, (m, 32)."""
+    chosen = slice(None) if changed is None else changed
+    faces = scene.faces[chosen].long()
+    part = records if changed is None else torch.zeros(len(faces), RECORD)
     for start, values in ((0, scene.vertices), (NORMALS, scene.normals), (UV, scene.uv)):
         width = values.shape[1]
         for corner in range(3):
             first = start + corner * width
-            records[:, first : first + width] = values.detach()[faces[:, corner]]
+            part[:, first : first + width] = values.detach()[faces[:, corner]]
+    if changed is not None:
+        records[changed] = part
     numbers = records.view(torch.int32)
     numbers[:, MATERIAL], numbers[:, EMITTER] = scene.material_ids, -1
     emissive = emissive_triangles(scene)
     numbers[emissive, EMITTER] = torch.arange(len(emissive), dtype=torch.int32)
-    return records
 
 
 def _packed(image: Tensor) -> Tensor:

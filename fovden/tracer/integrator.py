@@ -24,6 +24,7 @@ from fovden.tracer.gbuffer import trace_visible
 from fovden.tracer.kernels import paths
 from fovden.tracer.kernels.path import TAPE, Setting
 from fovden.tracer.scene import Scene
+from fovden.tracer.sequence import Instant
 
 __all__ = ["Integrator", "Sampler", "trace_frame"]
 
@@ -87,6 +88,7 @@ def trace_frame(
     seed: int = 0,
     index: int = 0,
     jitter: tuple[float, float] = (0.0, 0.0),
+    previous: Instant | None = None,
     integrator: Integrator = PAPERS,
     progress: parallel.Progress = None,
 ) -> Frame:
@@ -102,6 +104,7 @@ def trace_frame(
         seed: Seed of the random numbers, 0 to 2^32 - 1.
         index: Number of the frame in its sequence, kept in the record.
         jitter: Shift (x, y) of the whole frame in pixels; (0, 0) means that rays pass through pixel centres.
+        previous: Scene and camera of the previous frame, from which ``gbuffer.motion`` follows; ``None`` for none.
         integrator: How paths are made; by default as in the papers.
         progress: See :func:`fovden.parallel.run`.
 
@@ -140,7 +143,7 @@ def trace_frame(
         counts = torch.full(shape, samples, dtype=torch.int32)
         layer, gaze = torch.zeros(shape, dtype=torch.int32), None
         coordinates = counts[:, 0].nonzero().to(torch.int32)
-    gbuffer, emission = trace_visible(scene, views, jitter)
+    gbuffer, emission = trace_visible(scene, views, jitter, previous)
     direct, indirect = torch.zeros(views.view_count, 3, height, width), torch.zeros(views.view_count, 3, height, width)
     luminance_squared = torch.zeros(shape)
     listed = coordinates.long()
