@@ -35,7 +35,7 @@ def on_large_pages(tensor: Tensor) -> Tensor:
     size = tensor.numel() * tensor.element_size()
     if size < SMALLEST or not hasattr(mmap, "MADV_HUGEPAGE"):
         return tensor.detach().contiguous()
-    region = mmap.mmap(-1, size + 2 * PAGE)
+    region = mmap.mmap(-1, size + 2 * PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)  # shared ones get none
     try:
         region.madvise(mmap.MADV_HUGEPAGE)
     except OSError:  # a kernel built without them

@@ -1,7 +1,8 @@
 """The vector layer: LLVM vectors with Python's operators, for the few operations that decide the speed.
 
 Numba's loops over eight lanes do not become vector instructions inside a branchy traversal. Such operations are
-written as intrinsics on :class:`Lanes`, so that they read like their formulas. No product is fused into a sum.
+written as intrinsics on :class:`Lanes`, so that they read like their formulas. No product is fused into a sum but by
+:func:`fused`, whose results only ever bound something.
 
 Every intrinsic has a twin in plain Numba: its oracle in the tests, and its replacement where the environment variable
 ``FOVDEN_SIMD`` is ``0``.
@@ -12,7 +13,8 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba import types
+from llvmlite.binding import get_host_cpu_features
+from numba import config, types
 from numba.core import cgutils
 from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
@@ -21,16 +23,21 @@ __all__ = [
     "Lanes",
     "advanced",
     "bits_of",
+    "fused",
+    "has_permutation",
     "load",
     "load_int32",
     "maximum",
     "minimum",
+    "multiply_add",
+    "permuted",
     "pointer_to",
     "prefetch",
     "splat",
     "stack_floats",
     "stack_words",
     "store",
+    "store_int32",
     "trailing_zeros",
 ]
 
@@ -156,6 +163,56 @@ def maximum(a: Lanes, b: Lanes) -> Lanes:
         8
     """
     return (a > b).select(a, b)
+
+
+def fused(a: Lanes, b: Lanes, c: Lanes) -> Lanes:
+    """Returns a * b + c, rounded once where the processor can do that and twice where it cannot.
+
+    Example:
+        >>> _, one = sketch()
+        >>> fused(one, one, one).width
+        8
+    """
+    return Lanes(a.builder, _fused(a.builder, a.value, b.value, c.value))
+
+
+def _fused(builder: Builder, *factors: Value) -> Value:
+    kind = factors[0].type
+    function = builder.module.declare_intrinsic("llvm.fmuladd", [kind], ir.FunctionType(kind, [kind] * 3))
+    return builder.call(function, factors)
+
+
+def has_permutation() -> bool:
+    """Returns whether :func:`permuted` can be used: whether kernels are compiled for a processor with AVX2.
+
+    Example:
+        >>> has_permutation() in (True, False)
+        True
+    """
+    if config.CPU_NAME or config.CPU_FEATURES:
+        return "+avx2" in (config.CPU_FEATURES or "").split(",")
+    return bool(get_host_cpu_features().get("avx2", False))
+
+
+def permuted(lanes: Lanes, order: Value) -> Lanes:
+    """Returns the lanes of eight numbers in another order; only where :func:`has_permutation`.
+
+    Args:
+        lanes: Eight float32 or int32.
+        order: Eight int32, of which the lowest three bits name a lane each.
+
+    Returns:
+        The vector.
+
+    Example:
+        >>> _, one = sketch()
+        >>> permuted(one, ir.Constant(ir.VectorType(I32, 8), list(range(8)))).width
+        8
+    """
+    kind, name = lanes.value.type, "permps" if lanes.value.type.element == F32 else "permd"
+    signature = ir.FunctionType(kind, [kind, order.type])
+    function = cgutils.get_or_insert_function(lanes.builder.module, signature, f"llvm.x86.avx2.{name}")
+    return Lanes(lanes.builder, lanes.builder.call(function, [lanes.value, order]))
 
 
 def splat(builder: Builder, number: Value, width: int) -> Lanes:
@@ -348,3 +405,39 @@ def load_int32(context: Any, pointer: Any, offset: Any) -> Any:
         return builder.load(place)
 
     return types.int32(FLOATS, types.int64), generate
+
+
+@intrinsic
+def store_int32(context: Any, pointer: Any, offset: Any, number: Any) -> Any:
+    """Writes an int32 at a float32 pointer plus an offset in elements; returns it.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> njit(lambda array: store_int32(pointer_to(array), 0, 7))(np.zeros(1, np.float32))
+        7
+    """
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        pointer, offset, number = arguments
+        builder.store(number, builder.bitcast(builder.gep(pointer, [offset]), I32.as_pointer()))
+        return number
+
+    return types.int32(FLOATS, types.int64, types.int32), generate
+
+
+@intrinsic
+def multiply_add(context: Any, a: Any, b: Any, c: Any) -> Any:
+    """Returns a * b + c of float32 numbers, rounded as :func:`fused` does.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> float(njit(lambda a: multiply_add(a, a, a))(np.float32(2.0)))
+        6.0
+    """
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        return _fused(builder, *arguments)
+
+    return types.float32(types.float32, types.float32, types.float32), generate
