@@ -13,8 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from llvmlite.binding import get_host_cpu_features
-from numba import config, types
+from numba import types
 from numba.core import cgutils
 from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
@@ -24,13 +23,11 @@ __all__ = [
     "advanced",
     "bits_of",
     "fused",
-    "has_permutation",
     "load",
     "load_int32",
     "maximum",
     "minimum",
     "multiply_add",
-    "permuted",
     "pointer_to",
     "prefetch",
     "splat",
@@ -178,41 +175,10 @@ def fused(a: Lanes, b: Lanes, c: Lanes) -> Lanes:
 
 def _fused(builder: Builder, *factors: Value) -> Value:
     kind = factors[0].type
-    function = builder.module.declare_intrinsic("llvm.fmuladd", [kind], ir.FunctionType(kind, [kind] * 3))
+    name = f"v{kind.count}f32" if isinstance(kind, ir.VectorType) else "f32"
+    signature = ir.FunctionType(kind, [kind] * 3)
+    function = cgutils.get_or_insert_function(builder.module, signature, f"llvm.fmuladd.{name}")
     return builder.call(function, factors)
-
-
-def has_permutation() -> bool:
-    """Returns whether :func:`permuted` can be used: whether kernels are compiled for a processor with AVX2.
-
-    Example:
-        >>> has_permutation() in (True, False)
-        True
-    """
-    if config.CPU_NAME or config.CPU_FEATURES:
-        return "+avx2" in (config.CPU_FEATURES or "").split(",")
-    return bool(get_host_cpu_features().get("avx2", False))
-
-
-def permuted(lanes: Lanes, order: Value) -> Lanes:
-    """Returns the lanes of eight numbers in another order; only where :func:`has_permutation`.
-
-    Args:
-        lanes: Eight float32 or int32.
-        order: Eight int32, of which the lowest three bits name a lane each.
-
-    Returns:
-        The vector.
-
-    Example:
-        >>> _, one = sketch()
-        >>> permuted(one, ir.Constant(ir.VectorType(I32, 8), list(range(8)))).width
-        8
-    """
-    kind, name = lanes.value.type, "permps" if lanes.value.type.element == F32 else "permd"
-    signature = ir.FunctionType(kind, [kind, order.type])
-    function = cgutils.get_or_insert_function(lanes.builder.module, signature, f"llvm.x86.avx2.{name}")
-    return Lanes(lanes.builder, lanes.builder.call(function, [lanes.value, order]))
 
 
 def splat(builder: Builder, number: Value, width: int) -> Lanes:
@@ -228,8 +194,10 @@ def splat(builder: Builder, number: Value, width: int) -> Lanes:
     return Lanes(builder, builder.shuffle_vector(first, empty, _repeated(ir.VectorType(I32, width), 0)))
 
 
-def load(builder: Builder, pointer: Value, offset: Value | int, width: int, element: Value = F32) -> Lanes:
-    """Returns consecutive numbers from memory that is aligned to the vector's size.
+def load(
+    builder: Builder, pointer: Value, offset: Value | int, width: int, element: Value = F32, align: int = 0
+) -> Lanes:
+    """Returns consecutive numbers from memory.
 
     Args:
         builder: The LLVM builder.
@@ -237,6 +205,7 @@ def load(builder: Builder, pointer: Value, offset: Value | int, width: int, elem
         offset: Distance in elements.
         width: Number of lanes.
         element: Type to read them as: float32 or int32.
+        align: Bytes to which their place is aligned; 0 for the vector's size.
 
     Returns:
         The vector.
@@ -248,7 +217,7 @@ def load(builder: Builder, pointer: Value, offset: Value | int, width: int, elem
     """
     place = builder.gep(pointer, [ir.Constant(I64, offset) if isinstance(offset, int) else offset])
     place = builder.bitcast(place, ir.VectorType(element, width).as_pointer())
-    return Lanes(builder, builder.load(place, align=4 * width))
+    return Lanes(builder, builder.load(place, align=align or 4 * width))
 
 
 def store(builder: Builder, lanes: Lanes, pointer: Value, offset: int = 0) -> None:

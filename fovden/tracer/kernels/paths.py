@@ -11,7 +11,7 @@ from fovden.rng import Stream, philox
 from fovden.simd import advanced, pointer_to, stack_floats, stack_words
 from fovden.tracer.kernels.bsdf import LAMBERT
 from fovden.tracer.kernels.illumination import LightTable, environment_radiance
-from fovden.tracer.kernels.layout import RESULTS_SIZE, STACK_SIZE, WIDTH
+from fovden.tracer.kernels.layout import SCRATCH_SIZE, STACK_SIZE
 from fovden.tracer.kernels.path import TAPE, Hit, Setting, Tape, World, open_world, trace, trace_path
 from fovden.tracer.kernels.surface import GeometryArrays, albedo_of, emitted, surface_at
 from fovden.tracer.kernels.traversal import Scratch
@@ -79,7 +79,7 @@ def trace_primary(
     emission: Any,
 ) -> None:
     """Writes the G-buffer and the visible emission of the pixels start .. stop - 1, counted through all views."""
-    scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
+    scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
     height, width = prim.shape[2], prim.shape[3]
     for i in range(start, stop):
@@ -151,7 +151,7 @@ def trace_listed(
         tape: Receives what the paths are made of, (all samples, bounces + 1, TAPE); empty where it does not matter.
         tape_first: First sample of each of the listed pixels on tape, (k).
     """
-    scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
+    scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
     width, taped, per_path = prim.shape[3], tape.shape[0] > 0, np.int64(TAPE) * (setting.bounces + 1)
     for i in range(start, stop):
@@ -227,7 +227,7 @@ def accumulate_all(
         total: Sums of the samples' radiance, float64, (v, 3, h, w).
         squares: Sums of its squares, float64, (v, 3, h, w).
     """
-    scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
+    scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
     height, width, nowhere = total.shape[2], total.shape[3], stack_floats(1)
     for i in range(start, stop):
