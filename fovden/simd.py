@@ -27,7 +27,6 @@ __all__ = [
     "load_int32",
     "maximum",
     "minimum",
-    "multiply_add",
     "pointer_to",
     "prefetch",
     "splat",
@@ -170,15 +169,10 @@ def fused(a: Lanes, b: Lanes, c: Lanes) -> Lanes:
         >>> fused(one, one, one).width
         8
     """
-    return Lanes(a.builder, _fused(a.builder, a.value, b.value, c.value))
-
-
-def _fused(builder: Builder, *factors: Value) -> Value:
-    kind = factors[0].type
-    name = f"v{kind.count}f32" if isinstance(kind, ir.VectorType) else "f32"
-    signature = ir.FunctionType(kind, [kind] * 3)
-    function = cgutils.get_or_insert_function(builder.module, signature, f"llvm.fmuladd.{name}")
-    return builder.call(function, factors)
+    kind = a.value.type
+    name, signature = f"llvm.fmuladd.v{a.width}f32", ir.FunctionType(kind, [kind] * 3)
+    function = cgutils.get_or_insert_function(a.builder.module, signature, name)
+    return Lanes(a.builder, a.builder.call(function, [a.value, b.value, c.value]))
 
 
 def splat(builder: Builder, number: Value, width: int) -> Lanes:
@@ -393,20 +387,3 @@ def store_int32(context: Any, pointer: Any, offset: Any, number: Any) -> Any:
         return number
 
     return types.int32(FLOATS, types.int64, types.int32), generate
-
-
-@intrinsic
-def multiply_add(context: Any, a: Any, b: Any, c: Any) -> Any:
-    """Returns a * b + c of float32 numbers, rounded as :func:`fused` does.
-
-    Example:
-        >>> from numba import njit
-        >>> import numpy as np
-        >>> float(njit(lambda a: multiply_add(a, a, a))(np.float32(2.0)))
-        6.0
-    """
-
-    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
-        return _fused(builder, *arguments)
-
-    return types.float32(types.float32, types.float32, types.float32), generate

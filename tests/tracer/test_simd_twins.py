@@ -11,7 +11,7 @@ import torch
 from builders import generator, soup
 
 from fovden.jit import kernel, vectorised
-from fovden.simd import advanced, bits_of, load_int32, multiply_add, pointer_to, store_int32, trailing_zeros
+from fovden.simd import advanced, bits_of, load_int32, pointer_to, store_int32, trailing_zeros
 from fovden.tracer import build_bvh, intersect, occluded
 from fovden.tracer.kernels import boxes
 from fovden.tracer.kernels.layout import (
@@ -116,7 +116,7 @@ def scalars(numbers, integers, zeros, bits, loaded, stored, sums):
         bits[i] = bits_of(numbers[i])
         loaded[i] = load_int32(pointer_to(numbers), i)
         store_int32(pointer_to(stored), i, integers[i])
-        sums[i] = multiply_add(numbers[i], np.float32(4.0), np.float32(0.0))
+        sums[i] = boxes.multiply_add(numbers[i], np.float32(4.0), np.float32(0.0))
 
 
 def numbers(shape, special, seed):

@@ -6,12 +6,12 @@ point p of the triangle that the rounded picture puts on the ray is thus up to 7
 with E is covered by ``build``, which enlarges boxes by 8 u E. The part with p is a relative error of 7 u in the
 distance.
 
-A bound b is met at (b - o) / d, computed as b i + a with i = 1 / d and a = -o i, fused or not. The roundings of i,
-a, the product (if not fused), the sum and the numbers below leave a relative error of 3 u in the result, and an absolute
-one of 5 u |a| at most: near
-distances get 8 u |a| less and far ones as much more, in ``a`` itself. Relative errors sum up to 2 (7 + 3) u between
-near and far, for which far distances are enlarged by 32 u, also beforehand. (Ize, "Robust BVH ray traversal", JCGT
-2(2), 2013, has the roundings of the slabs alone; Woop et al., see ``triangles``, enlarge the boxes for each ray.)
+A bound b is met at (b - o) / d, computed as b i + a with i = 1 / d and a = -o i, fused or not. The roundings of i, a,
+the product (if not fused), the sum and the numbers below leave a relative error of 3 u in the result, and an absolute
+one of 5 u |a| at most: near distances get 8 u |a| less and far ones as much more, in ``a`` itself. Relative errors sum
+up to 2 (7 + 3) u between near and far, for which far distances are enlarged by 32 u, also beforehand. (Ize, "Robust BVH
+ray traversal", JCGT 2(2), 2013, has the roundings of the slabs alone; Woop et al., see ``triangles``, enlarge the boxes
+for each ray.)
 
 A component of the direction that is less than 2^-40 of the largest counts as that much: an error of 2^-16 u. Where the
 numbers overflow, infinity - infinity = NaN is passed over by the order of the arguments of ``maximum`` and ``minimum``.
@@ -40,7 +40,6 @@ from fovden.simd import (
     load_int32,
     maximum,
     minimum,
-    multiply_add,
     splat,
     store,
     store_int32,
@@ -99,6 +98,17 @@ def hit_boxes_vector(context: Any, nodes: Any, base: Any, ray: Any, distances: A
         return (entry <= leave).bits()
 
     return types.int32(FLOATS, types.int64, FLOATS, FLOATS), generate
+
+
+@intrinsic
+def multiply_add(context: Any, a: Any, b: Any, c: Any) -> Any:
+    """A * b + c of float32 numbers, rounded as :func:`fovden.simd.fused` does."""
+
+    def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(F32, [F32] * 3)
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fmuladd.f32"), arguments)
+
+    return types.float32(types.float32, types.float32, types.float32), generate
 
 
 @inlined

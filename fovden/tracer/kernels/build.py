@@ -154,10 +154,10 @@ def partition(boxes: Any, order: Any, start: Int, stop: Int, axis: Int, last: In
 class Tree(NamedTuple):
     """A binary tree as it grows; node 0 is the root.
 
-    ``boxes`` (m, 6) are sorted along with ``order`` (m), so that leaves own runs of them; of a node there are its bounds
-    ``node_boxes`` (n, 6), the first child ``left`` (n) of an inner node, the second being the next, and the start
-    ``first`` (n) and length ``count`` (n) of a leaf's run, the length 0 marking an inner node. The upper nodes have
-    numbers below UPPER_NODES; the subtree over the boxes from i on has those from UPPER_NODES + 2 i on.
+    ``boxes`` (m, 6) are sorted along with ``order`` (m), so that leaves own runs of them; of a node there are its
+    bounds ``node_boxes`` (n, 6), the first child ``left`` (n) of an inner node, the second being the next, and the
+    start ``first`` (n) and length ``count`` (n) of a leaf's run, the length 0 marking an inner node. The upper nodes
+    have numbers below UPPER_NODES; the subtree over the boxes from i on has those from UPPER_NODES + 2 i on.
     """
 
     boxes: Any

@@ -3,9 +3,9 @@
 A node is 64 float32 (256 bytes, four cache lines): six rows of eight bounds (lower x, y, z, then upper x, y, z), a row
 of eight int32 child codes and a row of eight int32 orders. A child code >= 0 is a node, a negative one is the leaf
 block ``~code``. Children come by rising chance of stopping a ray, measured by what it costs to ask them. An order
-belongs to the signs of a direction: 1 for a negative x, 2 for y, 4 for z, added up, are its number, and its eight groups
-of four bits name the children from the farthest to the nearest. Unused lanes hold an inverted box, which every ray
-misses.
+belongs to the signs of a direction: 1 for a negative x, 2 for y, 4 for z, added up, are its number, and its eight
+groups of four bits name the children from the farthest to the nearest. Unused lanes hold an inverted, infinite box,
+which every ray misses.
 
 A leaf block is 80 float32 (320 bytes): nine rows of eight coordinates (first vertex x, y, z, then second, then third)
 and a row of eight int32 triangle numbers, to which CUTOUT is added where a triangle has holes. Unused lanes, and

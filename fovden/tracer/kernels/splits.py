@@ -42,7 +42,7 @@ def priorities(start: Int, stop: Int, vertices: Any, faces: Any, boxes: Any, pri
 
 @inlined
 def clip(polygon: Any, count: Int, source: Int, axis: Int, side: Float, plane: Float) -> Int:
-    """Cuts off what lies below a plane (above, if ``side`` is -1): ``polygon[source]`` to the other; returns its size."""
+    """Cuts off what lies below a plane (above, if ``side`` is -1), from one polygon to the other; returns its size."""
     used = 0
     for i in range(count):
         p, q = polygon[source, i], polygon[source, i + 1 if i + 1 < count else 0]

@@ -1,10 +1,10 @@
 """Walks the acceleration structure for many rays, a few of them in turn.
 
 A processor that walks for one ray mostly waits: for the node that the last one named, for memory, and for branches that
-it guessed wrong. Here SLOTS rays take turns, a step each: a node, or a leaf block. Every step asks for the memory of the
-ray's next one, which the other rays' steps give time to arrive. Which children a ray meets, and how many, is no branch:
-they go onto its stack by permutations, nearest or likeliest on top, and once a hit has made the ray shorter, what lies
-beyond is taken off at once, so that the top of the stack is always the next step.
+it guessed wrong. Here SLOTS rays take turns, a step each: a node, or a leaf block. Every step asks for the memory of
+the ray's next one, which the other rays' steps give time to arrive. Which children a ray meets, and how many, is no
+branch: they go onto its stack by permutations, nearest or likeliest on top, and once a hit has made the ray shorter,
+what lies beyond is taken off at once, so that the top of the stack is always the next step.
 
 The answers are those of ``traversal``, to the bit.
 """

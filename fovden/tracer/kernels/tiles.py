@@ -27,7 +27,6 @@ from fovden.simd import (
     I32,
     I64,
     Lanes,
-    advanced,
     bits_of,
     load,
     load_int32,
@@ -57,6 +56,7 @@ from fovden.tracer.kernels.rays import INFINITY, MISS, SLACK, ZERO, is_traceable
 from fovden.tracer.kernels.splits import MARGIN
 from fovden.tracer.kernels.surface import GeometryArrays, geometry_pointers
 from fovden.tracer.kernels.traversal import Accelerator, Scratch, child_of, closest, is_solid, key_of
+from fovden.tracer.kernels.vectors import Vector
 
 ONE = np.float32(1.0)
 SIDE, RAYS = 4, 16
@@ -143,9 +143,9 @@ def hit_tile(context: Any, blocks: Any, place: Any, prim: Any, tile: Any) -> Any
         x, y, depth = [], [], []
         for vertex in range(3):
             start = builder.gep(corner, [ir.Constant(I64, 3 * WIDTH * vertex)])
-            values = [builder.load(builder.gep(start, [row])) for row in rows]
+            numbers = [builder.load(builder.gep(start, [row])) for row in rows]
             px, py, pz = (
-                splat(builder, builder.fsub(value, o), RAYS) for value, o in zip(values, origin, strict=True)
+                splat(builder, builder.fsub(value, o), RAYS) for value, o in zip(numbers, origin, strict=True)
             )
             x.append(px - shear_x * pz)
             y.append(py - shear_y * pz)
@@ -177,7 +177,8 @@ def keep_found(context: Any, tile: Any, mask: Any, prim: Any) -> Any:
 
     def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         tile, mask, prim = arguments
-        chosen = Lanes(builder, builder.bitcast(builder.trunc(mask, ir.IntType(RAYS)), ir.VectorType(ir.IntType(1), RAYS)))
+        bits = builder.trunc(mask, ir.IntType(RAYS))
+        chosen = Lanes(builder, builder.bitcast(bits, ir.VectorType(ir.IntType(1), RAYS)))
         for row, place in enumerate((T, U, V)):
             merged = chosen.select(load(builder, tile, FOUND + RAYS * row, RAYS), load(builder, tile, place, RAYS))
             store(builder, merged, tile, place)
@@ -195,6 +196,18 @@ def keep_found(context: Any, tile: Any, mask: Any, prim: Any) -> Any:
         return builder.extract_element(half.value, ir.Constant(I32, 0))
 
     return types.float32(FLOATS, types.int32, types.int32), generate
+
+
+@inlined
+def put_direction(tile: Any, ray: Int, direction: Vector) -> None:
+    """Writes a ray's direction to a tile."""
+    tile[ray], tile[RAYS + ray], tile[2 * RAYS + ray] = direction.x, direction.y, direction.z
+
+
+@inlined
+def direction_of(tile: Any, ray: Int) -> Vector:
+    """The direction of a tile's ray."""
+    return Vector(tile[ray], tile[RAYS + ray], tile[2 * RAYS + ray])
 
 
 @inlined
@@ -269,8 +282,8 @@ def closest_tile(accelerator: Accelerator, scratch: Scratch, tile: Any, ox: Floa
     """
     if not (VECTORS and prepare_tile(tile, ox, oy, oz)):
         for i in range(RAYS):
-            dx, dy, dz = tile[DIRECTIONS + i], tile[DIRECTIONS + RAYS + i], tile[DIRECTIONS + 2 * RAYS + i]
-            t, u, v, prim = closest(accelerator, scratch, ox, oy, oz, dx, dy, dz, INFINITY)
+            d = direction_of(tile, i)
+            t, u, v, prim = closest(accelerator, scratch, ox, oy, oz, d.x, d.y, d.z, INFINITY)
             tile[T + i], tile[U + i], tile[V + i] = t, u, v
             store_int32(tile, PRIM + i, prim)
         return
@@ -336,8 +349,7 @@ def closest_pixels(
         top, left = item // across * SIDE, item % across * SIDE
         for i in range(RAYS):
             y, x = min(top + i // SIDE, height - 1), min(left + i % SIDE, width - 1)
-            for axis in range(3):
-                tile[DIRECTIONS + RAYS * axis + i] = directions[y, x, axis]
+            put_direction(tile, i, Vector(directions[y, x, 0], directions[y, x, 1], directions[y, x, 2]))
         closest_tile(accelerator, scratch, tile, origin[0], origin[1], origin[2])
         for i in range(RAYS):
             y, x = top + i // SIDE, left + i % SIDE
