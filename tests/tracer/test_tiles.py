@@ -37,11 +37,11 @@ VIEWS = {
     "from inside": ((0.1, 0.05, 0.2), (1.0, 0.3, 0.9)),
 }
 
+MESHES = {"soup": lambda: soup(3000, size=0.15), "sphere": lambda: (rounded(sphere(3)[0]), sphere(3)[1])}
+
 
 @pytest.mark.parametrize("name", VIEWS)
-@pytest.mark.parametrize(
-    "make", [lambda: soup(3000, size=0.15), lambda: (rounded(sphere(3)[0]), sphere(3)[1])], ids=["soup", "sphere"]
-)
+@pytest.mark.parametrize("make", MESHES.values(), ids=MESHES)
 def test_tiles_give_the_bits_of_single_rays(name, make):
     eye, target = VIEWS[name]
     camera = StereoCamera.look_at(eye, target, fov_x_deg=80, resolution=(66, 71)).views
