@@ -7,7 +7,7 @@ vertex (:mod:`fovden.tracer.kernels.triangles`).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -140,13 +140,8 @@ def _binary_tree(pieces: np.ndarray, owners: np.ndarray) -> Tree:
     return tree
 
 
-def no_geometry() -> GeometryArrays:
-    """Returns what the kernels get in place of a scene's arrays where no triangle has a hole.
-
-    Example:
-        >>> no_geometry().images.shape
-        (1, 3)
-    """
+def _no_geometry() -> GeometryArrays:
+    """What the kernels get in place of a scene's arrays where no triangle has a hole."""
     return GeometryArrays(
         np.zeros((1, RECORD), np.float32),
         np.zeros((1, FINISH), np.float32),
@@ -158,7 +153,7 @@ def no_geometry() -> GeometryArrays:
 
 
 def intersect(
-    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, geometry: GeometryArrays | None = None
+    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, geometry: tuple[Any, ...] | None = None
 ) -> Hits:
     """Returns the closest hit of each ray with 0 < t < t_max.
 
@@ -192,7 +187,7 @@ def intersect(
 
 
 def occluded(
-    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, geometry: GeometryArrays | None = None
+    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, geometry: tuple[Any, ...] | None = None
 ) -> Tensor:
     """Returns whether any triangle lies on each ray with 0 < t < t_max.
 
@@ -224,9 +219,9 @@ def occluded(
     return blocked
 
 
-def _arrays(bvh: Bvh, geometry: GeometryArrays | None) -> tuple[object, ...]:
+def _arrays(bvh: Bvh, geometry: tuple[Any, ...] | None) -> tuple[object, ...]:
     """Nodes, blocks, geometry, and whether to ask it for holes."""
-    return bvh.nodes.numpy(), bvh.blocks.numpy(), geometry or no_geometry(), geometry is not None
+    return bvh.nodes.numpy(), bvh.blocks.numpy(), geometry or _no_geometry(), geometry is not None
 
 
 def _prepare(origins: Tensor, directions: Tensor, t_max: Tensor | None) -> tuple[int, tuple[object, ...]]:

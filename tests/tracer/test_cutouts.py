@@ -6,7 +6,7 @@ import torch
 from brute_force import all_pairs
 from builders import generator
 
-from fovden.camera import Camera
+from fovden.camera import StereoCamera
 from fovden.tracer import Hits, Material, Materials, Scene, trace_gbuffer
 
 SHEETS = 12
@@ -117,7 +117,7 @@ def test_rays_pass_through_holes():
 
 def test_the_camera_looks_through_holes():
     scene = sheets(images())
-    camera = Camera.look_at((0.3, 0.2, -2.0), (0.0, 0.1, 1.0), fov_x_deg=60, resolution=(37, 41))
+    camera = StereoCamera.look_at((0.3, 0.2, -2.0), (0.0, 0.1, 1.0), fov_x_deg=60, resolution=(37, 41)).views
     origins, directions = (field.reshape(-1, 3).contiguous() for field in camera.rays())
     seen = trace_gbuffer(scene, camera)
     hits = scene.intersect(origins, directions)

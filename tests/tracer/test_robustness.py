@@ -112,6 +112,7 @@ for vertices, faces in (soup(1), soup(9), soup(300), (rounded(sphere(2)[0]), sph
 """
 
 
+@pytest.mark.slow  # everything is compiled anew
 def test_no_array_is_left_with_bounds_checked(tmp_path):
     """Numba looks at every index into an array; the vector code has none, its twins have pointers, the rest is here."""
     environment = os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path), "FOVDEN_SIMD": "0"}

@@ -7,7 +7,7 @@ from builders import generator, rounded, soup, sphere
 
 from fovden.camera import StereoCamera
 from fovden.tracer import build_bvh, intersect
-from fovden.tracer.bvh import no_geometry
+from fovden.tracer.bvh import _no_geometry
 from fovden.tracer.kernels.tiles import closest_pixels
 
 
@@ -15,7 +15,7 @@ def by_tiles(bvh, origin, directions):
     height, width, _ = directions.shape
     t, u, v = np.empty((3, height, width), np.float32)
     prim = np.empty((height, width), np.int32)
-    arrays = bvh.nodes.numpy(), bvh.blocks.numpy(), no_geometry(), False, origin.numpy(), directions.numpy()
+    arrays = bvh.nodes.numpy(), bvh.blocks.numpy(), _no_geometry(), False, origin.numpy(), directions.numpy()
     closest_pixels(0, -(-height // 4) * -(-width // 4), *arrays, t, u, v, prim)
     return [torch.from_numpy(field) for field in (t, u, v, prim)]
 
