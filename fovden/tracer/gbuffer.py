@@ -14,13 +14,14 @@ from fovden.checks import require_number
 from fovden.frame import GBuffer
 from fovden.tracer.arrays import view_arrays
 from fovden.tracer.kernels import paths
+from fovden.tracer.kernels.tiles import SIDE
 from fovden.tracer.motion import motion_vectors
 from fovden.tracer.scene import Scene
 from fovden.tracer.sequence import Instant
 
 __all__ = ["trace_gbuffer"]
 
-PIXELS_PER_TILE = 2048
+TILES_AT_ONCE = 128  # of four by four pixels
 
 
 def trace_gbuffer(
@@ -79,7 +80,7 @@ def trace_visible(
     written = (albedo, normal, position, depth, roughness, prim, barycentric, emission)
     parallel.run(
         paths.trace_primary,
-        count * height * width,
+        count * -(-height // SIDE) * -(-width // SIDE),
         (
             *scene.kernel_arrays("uniform"),
             view_arrays(views),
@@ -87,7 +88,7 @@ def trace_visible(
             np.float32(jitter_y + 0.5),
             *(tensor.numpy() for tensor in written),
         ),
-        tile=PIXELS_PER_TILE,
+        tile=TILES_AT_ONCE,
         progress=progress,
         description="G-buffer",
     )

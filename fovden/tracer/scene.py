@@ -102,9 +102,15 @@ class Scene:
         """The acceleration structure, built when first asked for."""
         if self._same_geometry is not None:
             return self._same_geometry.bvh
+        cutouts = self._has_cutout[self.material_ids.long()]
         if self._same_surfaces is not None:
-            return refit_bvh(self._same_surfaces._tree, self.vertices, self.faces)
-        return build_bvh(self.vertices, self.faces)
+            return refit_bvh(self._same_surfaces._tree, self.vertices, self.faces, cutouts)
+        return build_bvh(self.vertices, self.faces, cutouts)
+
+    @property
+    def _has_cutout(self) -> Tensor:
+        """Which materials have holes, shape (k)."""
+        return self.materials.opacity >= 0
 
     @cached_property
     def _tree(self) -> Tree:
@@ -168,13 +174,16 @@ class Scene:
         same: Scene | None = self.__dict__.get("_surfaces_of")
         return same
 
-    def intersect(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Hits:
+    def intersect(
+        self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, cutouts: bool = True
+    ) -> Hits:
         """Returns the closest hit of each ray with 0 < t < t_max; see :func:`fovden.tracer.intersect`.
 
         Args:
             origins: Starting points in metres, shape (n, 3).
             directions: Directions of any length but zero, shape (n, 3).
             t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+            cutouts: Whether rays pass through the holes that opacity images cut, as the rays of paths do.
 
         Returns:
             The hits; ``prim`` indexes ``faces``.
@@ -185,15 +194,18 @@ class Scene:
             >>> scene.intersect(torch.tensor([[2.78, 2.73, -8.0]]), torch.tensor([[0.0, 0.0, 1.0]])).t > 8
             tensor([True])
         """
-        return intersect(self.bvh, origins, directions, t_max)
+        return intersect(self.bvh, origins, directions, t_max, self._holes(cutouts))
 
-    def occluded(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Tensor:
+    def occluded(
+        self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, cutouts: bool = True
+    ) -> Tensor:
         """Returns whether any triangle lies on each ray with 0 < t < t_max; see :func:`fovden.tracer.occluded`.
 
         Args:
             origins: Starting points in metres, shape (n, 3).
             directions: Directions of any length but zero, shape (n, 3).
             t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+            cutouts: Whether rays pass through the holes that opacity images cut, as the rays of paths do.
 
         Returns:
             Booleans of shape (n).
@@ -204,7 +216,11 @@ class Scene:
             >>> scene.occluded(torch.tensor([[2.78, 2.73, -8.0]]), torch.tensor([[0.0, 1.0, 0.0]]))
             tensor([False])
         """
-        return occluded(self.bvh, origins, directions, t_max)
+        return occluded(self.bvh, origins, directions, t_max, self._holes(cutouts))
+
+    def _holes(self, cutouts: bool) -> Any:
+        """Where rays look up holes; ``None`` where there are none, or none that matter."""
+        return self._geometry_arrays if cutouts and bool(self._has_cutout.any()) else None
 
     def view(self, name: str | None = None) -> StereoCamera:
         """Returns the scene's camera, or one of its other views.
