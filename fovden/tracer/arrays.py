@@ -49,13 +49,13 @@ def geometry_arrays(scene: Scene) -> GeometryArrays:
     assert scene.normals is not None  # filled in by Scene, like uv
     assert scene.uv is not None
     return GeometryArrays(
-        vertices=on_large_pages(scene.vertices).numpy(),
+        vertices=on_large_pages(scene.vertices.detach()).numpy(),
         faces=on_large_pages(scene.faces).numpy(),
-        normals=on_large_pages(scene.normals).numpy(),
-        uv=on_large_pages(scene.uv).numpy(),
+        normals=on_large_pages(scene.normals.detach()).numpy(),
+        uv=on_large_pages(scene.uv.detach()).numpy(),
         material_ids=scene.material_ids.numpy(),
-        albedo=materials.albedo.numpy(),
-        emission=materials.emission.numpy(),
+        albedo=materials.albedo.detach().numpy(),
+        emission=materials.emission.detach().numpy(),
         texture=materials.texture.numpy(),
         texels=on_large_pages(texels).numpy(),
         texture_first=first.numpy(),
@@ -85,7 +85,7 @@ def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
         array([2, 2], dtype=int32)
     """
     require(choice in ("uniform", "power"), "choice", choice, "'uniform' or 'power'")
-    lower, upper = scene.vertices.amin(0), scene.vertices.amax(0)
+    lower, upper = scene.vertices.detach().amin(0), scene.vertices.detach().amax(0)
     disc = math.pi * float((upper - lower).double().norm() / 2) ** 2
     kinds: list[int] = []
     vectors: list[tuple[float, float, float]] = []
@@ -110,7 +110,7 @@ def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
             vectors.append((0.0, 0.0, 0.0))
             colours.append(_mean_over_sphere(surroundings))
             scales.append(math.pi * disc)
-    emission = scene.materials.emission[scene.material_ids.long()]
+    emission = scene.materials.emission.detach()[scene.material_ids.long()]
     area = scene.triangle_areas
     prim = ((emission.amax(1) > 0) & (area > 0)).nonzero()[:, 0]
     listed = len(kinds)

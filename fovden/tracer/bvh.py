@@ -7,7 +7,7 @@ vertex (:mod:`fovden.tracer.kernels.triangles`).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import torch
 from torch import Tensor
@@ -17,8 +17,13 @@ from fovden.checks import require, require_shapes
 from fovden.memory import on_large_pages
 from fovden.tracer.kernels import build, traversal
 from fovden.tracer.kernels.layout import BLOCK_SIZE, NODE_SIZE, WIDTH
+from fovden.tracer.lockstep import closest_hits, decoded
 
-__all__ = ["Bvh", "Hits", "build_bvh", "intersect", "occluded"]
+__all__ = ["Backend", "Bvh", "Hits", "build_bvh", "intersect", "occluded"]
+
+Backend = Literal["kernels", "torch"]
+"""Who traces: compiled code on the CPU, or tensor operations on the rays' device (:mod:`fovden.tracer.lockstep`), a
+hundred times slower, with the same result to the bit."""
 
 RAYS_PER_TILE = 4096
 TRIANGLES_PER_TILE = 1 << 16
@@ -85,7 +90,9 @@ def build_bvh(vertices: Tensor, faces: Tensor) -> Bvh:
     return Bvh(on_large_pages(nodes), on_large_pages(blocks))
 
 
-def intersect(bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Hits:
+def intersect(
+    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, backend: Backend = "kernels"
+) -> Hits:
     """Returns the closest hit of each ray with 0 < t < t_max.
 
     Args:
@@ -93,29 +100,35 @@ def intersect(bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | Non
         origins: Starting points, shape (n, 3).
         directions: Directions of any length but zero, shape (n, 3).
         t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+        backend: See :data:`Backend`.
 
     Returns:
-        The hits. Rays with a zero or non-finite direction or a non-finite origin miss.
+        The hits, on the rays' device. Rays with a zero or non-finite direction or a non-finite origin miss.
 
     Raises:
         ShapeError: If a shape differs.
+        ValueError: If the backend is unknown.
 
-    Differentiable: no.
+    Differentiable: no; :meth:`fovden.tracer.Scene.intersect` is.
 
     Example:
         >>> bvh = build_bvh(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]]))
         >>> intersect(bvh, torch.tensor([[0.25, 0.25, 2.0]]), torch.tensor([[0.0, 0.0, -1.0]]))
         Hits(t=tensor([2.]), u=tensor([0.2500]), v=tensor([0.2500]), prim=tensor([0], dtype=torch.int32))
     """
-    count, rays = _prepare(origins, directions, t_max)
-    t, u, v = torch.empty(3, count)
+    count, rays = _prepare(origins, directions, t_max, backend)
+    if backend == "torch":
+        return Hits(*closest_hits(decoded(*(part.to(origins.device) for part in bvh)), *rays))
+    t, u, v = (torch.empty(count) for _ in range(3))
     hits = Hits(t, u, v, torch.empty(count, dtype=torch.int32))
-    arguments = (bvh.nodes.numpy(), bvh.blocks.numpy(), *rays, *(field.numpy() for field in hits))
-    parallel.run(traversal.closest_hits, count, arguments, tile=RAYS_PER_TILE)
-    return hits
+    arrays = (tensor.numpy() for tensor in (*bvh, *rays, *hits))
+    parallel.run(traversal.closest_hits, count, tuple(arrays), tile=RAYS_PER_TILE)
+    return Hits(*(field.to(origins.device) for field in hits))
 
 
-def occluded(bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Tensor:
+def occluded(
+    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, backend: Backend = "kernels"
+) -> Tensor:
     """Returns whether any triangle lies on each ray with 0 < t < t_max.
 
     Args:
@@ -123,12 +136,14 @@ def occluded(bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None
         origins: Starting points, shape (n, 3).
         directions: Directions of any length but zero, shape (n, 3).
         t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+        backend: See :data:`Backend`.
 
     Returns:
-        Booleans of shape (n).
+        Booleans of shape (n), on the rays' device.
 
     Raises:
         ShapeError: If a shape differs.
+        ValueError: If the backend is unknown.
 
     Differentiable: no.
 
@@ -138,19 +153,27 @@ def occluded(bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None
         >>> occluded(bvh, *rays), occluded(bvh, *rays, t_max=torch.tensor([1.0]))
         (tensor([True]), tensor([False]))
     """
-    count, rays = _prepare(origins, directions, t_max)
+    count, rays = _prepare(origins, directions, t_max, backend)
+    if backend == "torch":
+        structure = decoded(*(part.to(origins.device) for part in bvh))
+        return closest_hits(structure, *rays, any_hit=True)[3] >= 0
     blocked = torch.empty(count, dtype=torch.bool)
-    parallel.run(
-        traversal.any_hits, count, (bvh.nodes.numpy(), bvh.blocks.numpy(), *rays, blocked.numpy()), tile=RAYS_PER_TILE
-    )
-    return blocked
+    arrays = (tensor.numpy() for tensor in (*bvh, *rays, blocked))
+    parallel.run(traversal.any_hits, count, tuple(arrays), tile=RAYS_PER_TILE)
+    return blocked.to(origins.device)
 
 
-def _prepare(origins: Tensor, directions: Tensor, t_max: Tensor | None) -> tuple[int, tuple[object, ...]]:
-    """The number of rays and their arrays as the kernels read them."""
+def _prepare(
+    origins: Tensor, directions: Tensor, t_max: Tensor | None, backend: Backend
+) -> tuple[int, tuple[Tensor, Tensor, Tensor]]:
+    """The number of rays, and the rays as the backend reads them."""
+    require(backend in get_args(Backend), "backend", backend, " or ".join(map(repr, get_args(Backend))))
     sizes = require_shapes("n 3", origins=origins, directions=directions)
     if t_max is None:
         t_max = torch.full((sizes["n"],), torch.inf)
     require_shapes("n", sizes, t_max=t_max)
-    tensors = (tensor.detach().to("cpu", torch.float32).contiguous() for tensor in (origins, directions, t_max))
-    return sizes["n"], tuple(tensor.numpy() for tensor in tensors)
+    device = torch.device("cpu") if backend == "kernels" else origins.device
+    start, along, end = (
+        tensor.detach().to(device, torch.float32).contiguous() for tensor in (origins, directions, t_max)
+    )
+    return sizes["n"], (start, along, end)

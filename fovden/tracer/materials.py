@@ -66,7 +66,7 @@ class Materials:
         require(sizes["k"] > 0, "albedo", tuple(self.albedo.shape), "at least one material")
         require_finite("albedo", self.albedo, minimum=0)
         require_finite("emission", self.emission, minimum=0)
-        brightest = float(self.albedo.max())
+        brightest = float(self.albedo.detach().max())
         require(brightest <= 1, "albedo", brightest, "reflectances of at most 1")
         require_integer("texture", int(self.texture.max()), maximum=len(self.textures) - 1)
         for texture in self.textures:

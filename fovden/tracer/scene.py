@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -17,10 +17,12 @@ from fovden.checks import ShapeError, require, require_finite, require_shapes
 from fovden.io.files import FilePath
 from fovden.preview import never_raising
 from fovden.tracer.arrays import LightChoice, geometry_arrays, light_table
-from fovden.tracer.bvh import Bvh, Hits, build_bvh, intersect, occluded
+from fovden.tracer.bvh import Backend, Bvh, Hits, build_bvh, intersect, occluded
 from fovden.tracer.formats import write_gltf, write_obj
+from fovden.tracer.gradient import attached, corners_at, hits_at, is_differentiable
 from fovden.tracer.lights import Light
 from fovden.tracer.materials import Materials
+from fovden.tracer.operators import number_of
 from fovden.tracer.scene_card import scene_card
 from fovden.tracer.trajectory import CameraPath
 
@@ -46,6 +48,7 @@ class Scene:
         views: Other views worth seeing, by name.
         path: A walk through the scene, or ``None``.
         name: For messages, files and tables.
+        number: How operators find the scene within this process; given, not chosen.
 
     Example:
         >>> from fovden.tracer import make_scene
@@ -66,6 +69,7 @@ class Scene:
     views: Mapping[str, StereoCamera] = field(default_factory=dict)
     path: CameraPath | None = None
     name: str = field(default="scene")
+    number: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         sizes = require_shapes("n 3", vertices=self.vertices)
@@ -88,6 +92,12 @@ class Scene:
         object.__setattr__(self, "material_ids", self.material_ids.to(torch.int32).contiguous())
         object.__setattr__(self, "lights", tuple(self.lights))
         object.__setattr__(self, "views", MappingProxyType(dict(self.views)))
+        object.__setattr__(self, "number", number_of(self))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy is made of what the scene was made of, and gets a number of its own."""
+        values = {field.name: getattr(self, field.name) for field in fields(self) if field.init}
+        return type(self), tuple((values | {"views": dict(self.views)}).values())
 
     @property
     def triangle_count(self) -> int:
@@ -130,16 +140,22 @@ class Scene:
     def _geometry_arrays(self) -> Any:
         return geometry_arrays(self)
 
-    def intersect(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Hits:
+    def intersect(
+        self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, backend: Backend = "kernels"
+    ) -> Hits:
         """Returns the closest hit of each ray with 0 < t < t_max; see :func:`fovden.tracer.intersect`.
 
         Args:
             origins: Starting points in metres, shape (n, 3).
             directions: Directions of any length but zero, shape (n, 3).
             t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+            backend: Who traces, ``"kernels"`` or ``"torch"``: the same bits.
 
         Returns:
-            The hits; ``prim`` indexes ``faces``.
+            The hits, on the rays' device; ``prim`` indexes ``faces``.
+
+        Differentiable: t, u and v, in ``vertices``, ``origins`` and ``directions``; which triangle is hit is a choice
+        (:mod:`fovden.tracer.gradient`). With the kernels it is the operator ``fovden::intersect``, and compiles.
 
         Example:
             >>> from fovden.tracer import make_scene
@@ -147,18 +163,32 @@ class Scene:
             >>> scene.intersect(torch.tensor([[2.78, 2.73, -8.0]]), torch.tensor([[0.0, 0.0, 1.0]])).t > 8
             tensor([True])
         """
-        return intersect(self.bvh, origins, directions, t_max)
+        if backend == "kernels":
+            require_shapes("n 3", origins=origins, directions=directions)
+            hits = Hits(*torch.ops.fovden.intersect(self.number, origins.detach(), directions.detach(), t_max))
+        else:
+            hits = intersect(self.bvh, origins, directions, t_max, backend=backend)
+        if not is_differentiable(self.vertices, origins, directions):
+            return hits
+        corners = corners_at(self.vertices, self.faces, hits.prim.to(self.faces.device))
+        formulas = hits_at(corners.to(origins.device), origins, directions)
+        hit = hits.prim >= 0
+        t, u, v = (attached(*pair) for pair in zip(hits[:3], (torch.where(hit, f, 0) for f in formulas), strict=True))
+        return Hits(t, u, v, hits.prim)
 
-    def occluded(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Tensor:
+    def occluded(
+        self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, backend: Backend = "kernels"
+    ) -> Tensor:
         """Returns whether any triangle lies on each ray with 0 < t < t_max; see :func:`fovden.tracer.occluded`.
 
         Args:
             origins: Starting points in metres, shape (n, 3).
             directions: Directions of any length but zero, shape (n, 3).
             t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+            backend: Who traces, ``"kernels"`` (the operator ``fovden::occluded``) or ``"torch"``.
 
         Returns:
-            Booleans of shape (n).
+            Booleans of shape (n), on the rays' device.
 
         Example:
             >>> from fovden.tracer import make_scene
@@ -166,7 +196,11 @@ class Scene:
             >>> scene.occluded(torch.tensor([[2.78, 2.73, -8.0]]), torch.tensor([[0.0, 1.0, 0.0]]))
             tensor([False])
         """
-        return occluded(self.bvh, origins, directions, t_max)
+        if backend != "kernels":
+            return occluded(self.bvh, origins, directions, t_max, backend=backend)
+        require_shapes("n 3", origins=origins, directions=directions)
+        blocked: Tensor = torch.ops.fovden.occluded(self.number, origins.detach(), directions.detach(), t_max)
+        return blocked
 
     def view(self, name: str | None = None) -> StereoCamera:
         """Returns the scene's camera, or one of its other views.
