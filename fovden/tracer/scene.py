@@ -171,7 +171,7 @@ class Scene:
         if not is_differentiable(self.vertices, origins, directions):
             return hits
         corners = corners_at(self.vertices, self.faces, hits.prim.to(self.faces.device))
-        formulas = hits_at(corners.to(origins.device), origins, directions)
+        formulas = hits_at(corners.to(origins.device), origins.float(), directions.float())
         hit = hits.prim >= 0
         t, u, v = (attached(*pair) for pair in zip(hits[:3], (torch.where(hit, f, 0) for f in formulas), strict=True))
         return Hits(t, u, v, hits.prim)
