@@ -7,7 +7,7 @@ on any number of threads.
 from fovden.tracer.bvh import Bvh, Hits, build_bvh, intersect, occluded
 from fovden.tracer.formats.scene_file import SceneFileError
 from fovden.tracer.gbuffer import trace_gbuffer
-from fovden.tracer.integrator import trace_frame
+from fovden.tracer.integrator import Integrator, trace_frame
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, PointLight
 from fovden.tracer.materials import Material, Materials
 from fovden.tracer.meshes import load_scene
@@ -23,6 +23,7 @@ __all__ = [
     "DirectionalLight",
     "EnvironmentLight",
     "Hits",
+    "Integrator",
     "Keyframe",
     "Material",
     "Materials",

@@ -95,7 +95,7 @@ def _traced(
     """The images of :data:`FIELDS`, from the kernel."""
     images = _images(views.view_count, views.resolution)
     fields = dict(zip(FIELDS, images, strict=True))
-    written = (fields[name] for name in ("albedo", "normal", "position", "depth", "prim", "barycentric", "emission"))
+    written = (image for name, image in fields.items() if name != "motion")
     height, width = views.resolution
     parallel.run(
         paths.trace_primary,
@@ -111,7 +111,6 @@ def _traced(
         progress=progress,
         description="G-buffer",
     )
-    fields["roughness"].copy_(fields["prim"] >= 0)
     fields["motion"].zero_()
     return images
 

@@ -62,8 +62,8 @@ class Scene:
     faces: Tensor
     material_ids: Tensor
     materials: Materials
-    normals: Tensor | None = None
-    uv: Tensor | None = None
+    normals: Tensor = None  # type: ignore[assignment]  # zeros until the number of vertices is known
+    uv: Tensor = None  # type: ignore[assignment]
     lights: tuple[Light, ...] = ()
     camera: StereoCamera | None = None
     views: Mapping[str, StereoCamera] = field(default_factory=dict)
