@@ -8,11 +8,14 @@ from fovden.tracer.bvh import Bvh, Hits, build_bvh, intersect, occluded
 from fovden.tracer.formats.scene_file import SceneFileError
 from fovden.tracer.gbuffer import trace_gbuffer
 from fovden.tracer.integrator import Integrator, trace_frame
+from fovden.tracer.light_paths import Paths
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, PointLight
 from fovden.tracer.materials import Material, Materials
 from fovden.tracer.meshes import load_scene
+from fovden.tracer.points import Shading, SurfacePoints, surface_points
 from fovden.tracer.procedural import make_scene
 from fovden.tracer.reference import CheckpointError, accumulate_reference
+from fovden.tracer.reshading import record_paths, reshade
 from fovden.tracer.scene import Scene
 from fovden.tracer.trajectory import CameraPath, Keyframe
 
@@ -27,15 +30,21 @@ __all__ = [
     "Keyframe",
     "Material",
     "Materials",
+    "Paths",
     "PointLight",
     "Scene",
     "SceneFileError",
+    "Shading",
+    "SurfacePoints",
     "accumulate_reference",
     "build_bvh",
     "intersect",
     "load_scene",
     "make_scene",
     "occluded",
+    "record_paths",
+    "reshade",
+    "surface_points",
     "trace_frame",
     "trace_gbuffer",
 ]

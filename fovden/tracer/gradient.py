@@ -32,6 +32,7 @@ __all__ = [
     "interpolated",
     "is_differentiable",
     "normal_at",
+    "rows_at",
     "seen_at",
     "texture_colour",
 ]
@@ -92,8 +93,29 @@ def corners_at(vertices: Tensor, faces: Tensor, prim: Tensor) -> Tensor:
         >>> corners_at(torch.eye(3), torch.tensor([[2, 1, 0]]), torch.tensor([0]))[0, 0]
         tensor([0., 0., 1.])
     """
-    corners = _rows(vertices, faces, prim)
+    corners = rows_at(vertices, faces, prim)
     return torch.where((prim >= 0)[..., None, None], corners, torch.eye(3).to(corners))
+
+
+def rows_at(table: Tensor, faces: Tensor, prim: Tensor) -> Tensor:
+    """Returns the rows of a table of vertices that belong to the corners of triangles.
+
+    Args:
+        table: One row a vertex, shape (n, c).
+        faces: Vertex numbers, shape (m, 3).
+        prim: Triangle numbers, any shape; a negative one gets the rows of triangle 0.
+
+    Returns:
+        Rows of shape (..., 3, c).
+
+    Differentiable: in ``table``.
+
+    Example:
+        >>> rows_at(torch.tensor([[5.0], [6.0], [7.0]]), torch.tensor([[2, 1, 0]]), torch.tensor([0]))[0, :, 0]
+        tensor([7., 6., 5.])
+    """
+    chosen = faces[prim.long().clamp_min(0)].long()
+    return table.index_select(0, chosen.flatten()).reshape(*chosen.shape, -1)
 
 
 def hits_at(corners: Tensor, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -181,13 +203,13 @@ def texture_colour(image: Tensor, uv: Tensor) -> Tensor:
     """Returns the linear colour of a repeating image, bilinear between decoded texels.
 
     Args:
-        image: Texels with the sRGB curve, uint8, shape (h, w, 3), top row first.
+        image: Texels, shape (h, w, 3), top row first: uint8 with the sRGB curve, or linear of the type of ``uv``.
         uv: Texture coordinates, shape (n, 2); (0, 0) is the image's lower left corner.
 
     Returns:
         Colours of shape (n, 3), in the type of ``uv``.
 
-    Differentiable: in ``uv``, piecewise: the derivative jumps where the four texels change.
+    Differentiable: in ``uv``, piecewise: the derivative jumps where the four texels change; and in a linear ``image``.
 
     Example:
         >>> image = torch.tensor([[[0, 0, 0], [255, 255, 255]]], dtype=torch.uint8)
@@ -204,7 +226,8 @@ def texture_colour(image: Tensor, uv: Tensor) -> Tensor:
         for dx in range(2):
             texel = image[(upper.long() + dy) % height, (left.long() + dx) % width]
             weight = (fx if dx else 1 - fx) * (fy if dy else 1 - fy)
-            colour = colour + weight[:, None] * srgb_to_linear(texel.to(uv) / 255)
+            linear = texel if image.is_floating_point() else srgb_to_linear(texel.to(uv) / 255)
+            colour = colour + weight[:, None] * linear
     return colour
 
 
@@ -220,7 +243,7 @@ def albedo_at(factor: Tensor, textures: Sequence[Tensor], texture: Tensor, uv: T
     Returns:
         Reflectances of shape (n, 3).
 
-    Differentiable: in ``factor`` and ``uv``.
+    Differentiable: in ``factor``, ``uv`` and linear images.
 
     Example:
         >>> white = torch.full((1, 1, 3), 255, dtype=torch.uint8)
@@ -293,12 +316,12 @@ def seen_at(scene: Scene, camera: Camera, jitter: tuple[float, float], prim: Ten
     corners = corners_at(scene.vertices, scene.faces, numbers)
     t, u, v = hits_at(corners, origins, directions)
     materials, material = scene.materials, scene.material_ids[numbers.long().clamp_min(0)].long().flatten()
-    uv = interpolated(_rows(scene.uv, scene.faces, numbers), u, v).flatten(0, 1)
+    uv = interpolated(rows_at(scene.uv, scene.faces, numbers), u, v).flatten(0, 1)
     texture = materials.texture[material]
     factor, emission = (table.index_select(0, material) for table in (materials.albedo, materials.emission))
     fields = {
         "albedo": albedo_at(factor, materials.textures, texture, uv).reshape(directions.shape),
-        "normal": normal_at(corners, _rows(scene.normals, scene.faces, numbers), directions, u, v),
+        "normal": normal_at(corners, rows_at(scene.normals, scene.faces, numbers), directions, u, v),
         "position": interpolated(corners, u, v),
         "depth": (t * _dot(directions, -camera.rotation[:, None, :, 2]))[..., None],
         "barycentric": torch.stack([u, v], 2),
@@ -311,12 +334,6 @@ def seen_at(scene: Scene, camera: Camera, jitter: tuple[float, float], prim: Ten
 def _image(values: Tensor, like: Tensor) -> Tensor:
     """Values by view, pixel and channel as an image of shape (v, c, h, w)."""
     return values.mT.reshape(len(values), -1, *like.shape[2:])
-
-
-def _rows(table: Tensor, faces: Tensor, prim: Tensor) -> Tensor:
-    """Rows of a table of vertices for the corners of triangles, shape (..., 3, c); triangle 0 for a miss."""
-    chosen = faces[prim.long().clamp_min(0)].long()
-    return table.index_select(0, chosen.flatten()).reshape(*chosen.shape, -1)
 
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:
