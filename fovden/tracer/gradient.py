@@ -115,7 +115,7 @@ def rows_at(table: Tensor, faces: Tensor, prim: Tensor) -> Tensor:
         tensor([7., 6., 5.])
     """
     chosen = faces[prim.long().clamp_min(0)].long()
-    return table.index_select(0, chosen.flatten()).reshape(*chosen.shape, -1)
+    return table.index_select(0, chosen.flatten()).reshape(*chosen.shape, table.shape[1])
 
 
 def hits_at(corners: Tensor, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
