@@ -100,7 +100,7 @@ def intersect(
         origins: Starting points, shape (n, 3).
         directions: Directions of any length but zero, shape (n, 3).
         t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
-        backend: See :data:`Backend`.
+        backend: See :data:`fovden.tracer.bvh.Backend`.
 
     Returns:
         The hits, on the rays' device. Rays with a zero or non-finite direction or a non-finite origin miss.
@@ -136,7 +136,7 @@ def occluded(
         origins: Starting points, shape (n, 3).
         directions: Directions of any length but zero, shape (n, 3).
         t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
-        backend: See :data:`Backend`.
+        backend: See :data:`fovden.tracer.bvh.Backend`.
 
     Returns:
         Booleans of shape (n), on the rays' device.

@@ -2,7 +2,7 @@
 
 Which triangle a ray hits is a choice and has no derivative. Where it hits, and what the surface is like there, are
 formulas in vertices, rays, camera and materials. The functions here are these formulas: pure, of any floating type, on
-any device. :func:`attached` joins them to what the kernels computed: the kernel's number, to the bit, with the
+any device. ``attached`` joins them to what the kernels computed: the kernel's number, to the bit, with the
 formula's derivative. So nothing but the derivative changes when an input asks for one.
 
 What moves when the edge of a surface moves, a shadow's border or a silhouette, is not in these derivatives.

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -30,9 +30,7 @@ from fovden.tracer.gradient import albedo_at, corners_at, emission_at, interpola
 from fovden.tracer.kernels import path
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, Light, PointLight
 from fovden.tracer.points import Shading, SurfacePoints
-
-if TYPE_CHECKING:
-    from fovden.tracer.scene import Scene
+from fovden.tracer.scene import Scene
 
 __all__ = ["Paths", "environment_at"]
 
@@ -51,7 +49,7 @@ class Paths:
         points: The points.
         shading: Their light as it was traced.
         numbers: What the paths are made of, shape (p, bounces + 1, 16): one path a sample, those of a point in a row;
-            see :data:`fovden.tracer.kernels.path.TAPE`. 64 bytes a surface.
+            see ``TAPE`` in ``fovden/tracer/kernels/path.py``. 64 bytes a surface.
         directions: Unit directions in which the points are seen, shape (n, 3).
 
     Example:

@@ -1,8 +1,8 @@
 """Walks the acceleration structure with tensor operations: all rays take their steps together, on any device.
 
-The same tests in the same order as :mod:`fovden.tracer.kernels`, one tensor operation each, so that every number is
-rounded where the kernels round it and the hits are equal to the bit. A hundred times slower and free of compiled
-code: the way without Numba, and the kernels' oracle. Only :func:`decoded` knows what a node and a leaf look like.
+The same tests in the same order as the compiled kernels, one tensor operation each, so that every number is rounded
+where the kernels round it and the hits are equal to the bit. A hundred times slower and free of compiled code: the way
+without Numba, and the kernels' oracle. Only ``decoded`` knows what a node and a leaf look like.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -13,9 +13,7 @@ from fovden.camera import Camera
 from fovden.checks import require, require_integer, require_shapes
 from fovden.frame import Frame
 from fovden.tracer.gradient import corners_at, interpolated
-
-if TYPE_CHECKING:
-    from fovden.tracer.scene import Scene
+from fovden.tracer.scene import Scene
 
 __all__ = ["Shading", "SurfacePoints", "surface_points"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,9 +16,7 @@ from fovden.tracer.kernels import paths
 from fovden.tracer.kernels.path import TAPE, Setting
 from fovden.tracer.light_paths import Paths
 from fovden.tracer.points import Shading, SurfacePoints
-
-if TYPE_CHECKING:
-    from fovden.tracer.scene import Scene
+from fovden.tracer.scene import Scene
 
 __all__ = ["Listed", "run_paths", "shaded"]
 
