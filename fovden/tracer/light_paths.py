@@ -35,7 +35,7 @@ from fovden.tracer.scene import Scene
 __all__ = ["Paths", "environment_at"]
 
 PATHS_AT_ONCE = 1 << 17
-"""Paths whose intermediate results autograd holds at a time, a quarter of a gigabyte; ours."""
+"""Paths whose intermediate results autograd holds at a time: some 650 bytes a path with one bounce, 85 MB. Ours."""
 
 
 @dataclass(frozen=True, eq=False)
