@@ -9,14 +9,17 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple, get_args
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from fovden import parallel
 from fovden.checks import require, require_shapes
-from fovden.memory import on_large_pages
-from fovden.tracer.kernels import build, traversal
-from fovden.tracer.kernels.layout import BLOCK_SIZE, NODE_SIZE, WIDTH
+from fovden.memory import empty_on_large_pages
+from fovden.tracer.kernels import build, collapse, splits, streams
+from fovden.tracer.kernels.build import SMALLEST_SUBTREE, STACK_ROWS, SUBTREES, UPPER_NODES, Tree
+from fovden.tracer.kernels.layout import BLOCK_SIZE, CUTOUT, NODE_SIZE, WIDTH
+from fovden.tracer.kernels.surface import FINISH, LINKS, RECORD, GeometryArrays
 from fovden.tracer.lockstep import closest_hits, decoded
 
 __all__ = ["Backend", "Bvh", "Hits", "build_bvh", "intersect", "occluded"]
@@ -27,6 +30,11 @@ hundred times slower, with the same result to the bit."""
 
 RAYS_PER_TILE = 4096
 TRIANGLES_PER_TILE = 1 << 16
+NODES_PER_TILE = 1 << 12
+BOXES_PER_CALL = 1 << 22  # of the upper nodes, between two of which a Ctrl-C arrives: some tenths of a second
+CUTS = 0.2
+"""Pieces of large triangles that are added to the boxes of a mesh, in parts of the triangles. Of 0.1 to 1 it gave the
+fewest nodes and leaves a ray for its memory."""
 
 
 class Bvh(NamedTuple):
@@ -49,21 +57,23 @@ class Hits(NamedTuple):
     prim: Tensor
 
 
-def build_bvh(vertices: Tensor, faces: Tensor) -> Bvh:
+def build_bvh(vertices: Tensor, faces: Tensor, cutouts: Tensor | None = None) -> Bvh:
     """Returns the acceleration structure of a triangle mesh.
 
     Args:
         vertices: Positions, float32, finite, shape (n, 3).
-        faces: Vertex numbers, int32, shape (m, 3), m >= 1. Triangles of zero area are kept and never hit.
+        faces: Vertex numbers, int32, shape (m, 3), 1 <= m < 2^30. Triangles of zero area are kept and never hit.
+        cutouts: Which triangles may have holes, booleans of shape (m); ``None`` for none.
 
     Returns:
-        The structure.
+        The structure. It does not depend on the number of threads.
 
     Raises:
         ShapeError: If a shape differs.
         ValueError: If there is no triangle.
 
-    Source: binned surface area heuristic of Wald 2007; see ``fovden/tracer/kernels/build.py``.
+    Source: binned surface area heuristic of Wald 2007; see ``fovden/tracer/kernels/build.py``, and ``splits.py`` and
+    ``collapse.py`` beside it.
 
     Example:
         >>> vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -72,26 +82,94 @@ def build_bvh(vertices: Tensor, faces: Tensor) -> Bvh:
     """
     require_shapes("n 3", vertices=vertices)
     count = require_shapes("m 3", faces=faces)["m"]
-    require(count > 0, "faces", tuple(faces.shape), "at least one triangle")
+    require(0 < count < CUTOUT, "faces", tuple(faces.shape), "at least one triangle, and less than 2^30")
+    cutouts = torch.zeros(count, dtype=torch.bool) if cutouts is None else cutouts
+    require_shapes("m", {"m": count}, cutouts=cutouts)
     corners = vertices.detach().to(torch.float32).contiguous().numpy()
     triangles = faces.to(torch.int32).contiguous().numpy()
-    boxes = torch.empty(count, 6).numpy()
+    tree = _binary_tree(*_pieces(corners, triangles))
+    node_count = len(tree.count)
+    costs, shares = np.empty((node_count, WIDTH), np.float32), np.empty((node_count, WIDTH), np.int8)
+    areas = np.empty(node_count)
+    collapse.least_costs(tree, costs, shares)
+    collapse.surfaces(tree, corners, triangles, areas)
+    most = int((tree.left > 0).sum()) + 1
+    children, codes = np.empty((most, WIDTH), np.int32), np.empty((most, WIDTH), np.int32)
+    wide, leaves = collapse.collapse(tree, costs, shares, areas, children, codes)
+    nodes, blocks = empty_on_large_pages(wide, NODE_SIZE), empty_on_large_pages(leaves, BLOCK_SIZE)
+    holes = cutouts.to(torch.bool).contiguous().numpy()
+    arguments = (tree, children, codes, corners, triangles, holes, nodes.numpy(), blocks.numpy())
+    parallel.run(collapse.pack, wide, arguments, tile=NODES_PER_TILE)
+    return Bvh(nodes, blocks)
+
+
+def _pieces(corners: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes of the triangles and of the pieces of large ones, (k, 6), and whose they are, (k)."""
+    count = len(triangles)
+    boxes, priority = np.empty((count, 6), np.float32), np.empty(count, np.float32)
     parallel.run(build.triangle_boxes, count, (corners, triangles, boxes), tile=TRIANGLES_PER_TILE)
-    order = torch.arange(count, dtype=torch.int32).numpy()
-    node_boxes = torch.empty(2 * count, 6).numpy()
-    left, first, size = (torch.zeros(2 * count, dtype=torch.int32).numpy() for _ in range(3))
-    used = build.build_binary(boxes, order, node_boxes, left, first, size)
-    children_of = torch.empty(used, WIDTH, dtype=torch.int32).numpy()
-    parents = torch.empty(used, dtype=torch.int64).numpy()
-    wide, leaves = build.collapse(node_boxes, left, size, children_of, parents)
-    nodes, blocks = torch.zeros(wide, NODE_SIZE), torch.empty(leaves, BLOCK_SIZE)
-    arrays = (nodes.numpy(), nodes.view(torch.int32).numpy(), blocks.numpy(), blocks.view(torch.int32).numpy())
-    build.pack(node_boxes, first, size, order, children_of, parents, corners, triangles, *arrays)
-    return Bvh(on_large_pages(nodes), on_large_pages(blocks))
+    parallel.run(splits.priorities, count, (corners, triangles, boxes, priority), tile=TRIANGLES_PER_TILE)
+    cuts = _cuts(priority, int(CUTS * count))
+    ends = np.cumsum(cuts + 1)
+    pieces, owners = np.empty((ends[-1], 6), np.float32), np.empty(ends[-1], np.int32)
+    parallel.run(splits.cut, count, (corners, triangles, boxes, ends, pieces, owners), tile=TRIANGLES_PER_TILE)
+    return pieces, owners
+
+
+def _cuts(priority: np.ndarray, total: int) -> np.ndarray:
+    """How often to cut each triangle: in proportion to its priority, about ``total`` times in all and not more."""
+    scale, low, high = np.float32(0.0), 0.0, splits.MOST_CUTS / max(float(priority.max()), 1e-30)
+    cuts = np.zeros(len(priority), np.int64)
+    for _ in range(12):  # a bisection: the sum rises with the scale
+        scale = np.float32((low + high) / 2)
+        tried = np.minimum(priority * scale, np.float32(splits.MOST_CUTS)).astype(np.int64)
+        if tried.sum() <= total:
+            cuts, low = tried, float(scale)
+        else:
+            high = float(scale)
+    return cuts
+
+
+def _binary_tree(pieces: np.ndarray, owners: np.ndarray) -> Tree:
+    """The binary tree over boxes, which it sorts."""
+    count = len(pieces)
+    size = UPPER_NODES + 2 * count
+    left, first, length = (np.zeros(size, np.int32) for _ in range(3))
+    tree = Tree(pieces, owners, np.empty((size, 6), np.float32), left, first, length)
+    stack, subtrees = np.zeros((STACK_ROWS, 4), np.int64), np.empty((UPPER_NODES, 4), np.int64)
+    stack[0, 2] = count
+    state = np.array([1, 1, 0])
+    while state[0] > 0:
+        build.build_upper(tree, stack, subtrees, state, max(count // SUBTREES, SMALLEST_SUBTREE), BOXES_PER_CALL)
+    parallel.run(build.build_subtrees, int(state[2]), (tree, subtrees), tile=1)
+    return tree
+
+
+def no_geometry() -> GeometryArrays:
+    """Returns what the kernels get in place of a scene's arrays where no triangle has a hole.
+
+    Example:
+        >>> no_geometry().images.shape
+        (1, 3)
+    """
+    return GeometryArrays(
+        np.zeros((1, RECORD), np.float32),
+        np.zeros((1, FINISH), np.float32),
+        np.zeros((1, LINKS), np.int32),
+        np.zeros(1, np.uint32),
+        np.zeros((1, 3), np.int64),
+        np.zeros(1, np.float32),
+    )
 
 
 def intersect(
-    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, backend: Backend = "kernels"
+    bvh: Bvh,
+    origins: Tensor,
+    directions: Tensor,
+    t_max: Tensor | None = None,
+    geometry: GeometryArrays | None = None,
+    *,
+    backend: Backend = "kernels",
 ) -> Hits:
     """Returns the closest hit of each ray with 0 < t < t_max.
 
@@ -100,10 +178,12 @@ def intersect(
         origins: Starting points, shape (n, 3).
         directions: Directions of any length but zero, shape (n, 3).
         t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+        geometry: Where the kernels look up holes, see ``fovden/tracer/arrays.py``; ``None`` takes all for solid.
         backend: See :data:`fovden.tracer.bvh.Backend`.
 
     Returns:
-        The hits, on the rays' device. Rays with a zero or non-finite direction or a non-finite origin miss.
+        The hits, on the rays' device. Of triangles at the same distance it is the one of the lowest number. Rays with a
+        zero or non-finite direction or a non-finite origin miss.
 
     Raises:
         ShapeError: If a shape differs.
@@ -118,16 +198,22 @@ def intersect(
     """
     count, rays = _prepare(origins, directions, t_max, backend)
     if backend == "torch":
-        return Hits(*closest_hits(decoded(*(part.to(origins.device) for part in bvh)), *rays))
+        return Hits(*closest_hits(decoded(*(part.to(origins.device) for part in bvh)), *rays, geometry=geometry))
     t, u, v = (torch.empty(count) for _ in range(3))
     hits = Hits(t, u, v, torch.empty(count, dtype=torch.int32))
-    arrays = (tensor.numpy() for tensor in (*bvh, *rays, *hits))
-    parallel.run(traversal.closest_hits, count, tuple(arrays), tile=RAYS_PER_TILE)
+    arrays = (tensor.numpy() for tensor in (*rays, *hits))
+    parallel.run(streams.closest_hits, count, (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
     return Hits(*(field.to(origins.device) for field in hits))
 
 
 def occluded(
-    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, backend: Backend = "kernels"
+    bvh: Bvh,
+    origins: Tensor,
+    directions: Tensor,
+    t_max: Tensor | None = None,
+    geometry: GeometryArrays | None = None,
+    *,
+    backend: Backend = "kernels",
 ) -> Tensor:
     """Returns whether any triangle lies on each ray with 0 < t < t_max.
 
@@ -136,6 +222,7 @@ def occluded(
         origins: Starting points, shape (n, 3).
         directions: Directions of any length but zero, shape (n, 3).
         t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+        geometry: Where the kernels look up holes, see ``fovden/tracer/arrays.py``; ``None`` takes all for solid.
         backend: See :data:`fovden.tracer.bvh.Backend`.
 
     Returns:
@@ -156,11 +243,16 @@ def occluded(
     count, rays = _prepare(origins, directions, t_max, backend)
     if backend == "torch":
         structure = decoded(*(part.to(origins.device) for part in bvh))
-        return closest_hits(structure, *rays, any_hit=True)[3] >= 0
+        return closest_hits(structure, *rays, any_hit=True, geometry=geometry)[3] >= 0
     blocked = torch.empty(count, dtype=torch.bool)
-    arrays = (tensor.numpy() for tensor in (*bvh, *rays, blocked))
-    parallel.run(traversal.any_hits, count, tuple(arrays), tile=RAYS_PER_TILE)
+    arrays = (tensor.numpy() for tensor in (*rays, blocked))
+    parallel.run(streams.any_hits, count, (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
     return blocked.to(origins.device)
+
+
+def _arrays(bvh: Bvh, geometry: GeometryArrays | None) -> tuple[object, ...]:
+    """Nodes, blocks, geometry, and whether to ask it for holes."""
+    return bvh.nodes.numpy(), bvh.blocks.numpy(), geometry or no_geometry(), geometry is not None
 
 
 def _prepare(

@@ -15,12 +15,13 @@ from fovden.frame import GBuffer
 from fovden.tracer.arrays import view_arrays
 from fovden.tracer.gradient import attached, is_differentiable, seen_at
 from fovden.tracer.kernels import paths
+from fovden.tracer.kernels.tiles import SIDE
 from fovden.tracer.operators import define_operator, scene_of
 from fovden.tracer.scene import Scene
 
 __all__ = ["trace_gbuffer"]
 
-PIXELS_PER_TILE = 2048
+TILES_AT_ONCE = 128  # of four by four pixels
 
 FIELDS = {
     "albedo": 3,
@@ -99,7 +100,7 @@ def _traced(
     height, width = views.resolution
     parallel.run(
         paths.trace_primary,
-        views.view_count * height * width,
+        views.view_count * -(-height // SIDE) * -(-width // SIDE),
         (
             *scene.kernel_arrays("uniform"),
             view_arrays(views),
@@ -107,7 +108,7 @@ def _traced(
             np.float32(jitter[1] + 0.5),
             *(tensor.numpy() for tensor in written),
         ),
-        tile=PIXELS_PER_TILE,
+        tile=TILES_AT_ONCE,
         progress=progress,
         description="G-buffer",
     )

@@ -1,8 +1,9 @@
 """Walks the acceleration structure with tensor operations: all rays take their steps together, on any device.
 
-The same tests in the same order as the compiled kernels, one tensor operation each, so that every number is rounded
-where the kernels round it and the hits are equal to the bit. A hundred times slower and free of compiled code: the way
-without Numba, and the kernels' oracle. Only ``decoded`` knows what a node and a leaf look like.
+A hundred times slower than the kernels and free of compiled code: the way without Numba, and their oracle. A triangle
+is tested by the same operations in the same order, each rounded by itself, and of hits at the same distance the
+triangle of the lowest number counts. So hits are equal to the bit, in whatever order nodes are visited. Only
+``decoded`` knows what a node and a leaf look like.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from fovden.tracer.kernels.boxes import FAR_SLACK
-from fovden.tracer.kernels.layout import CHILDREN, PRIMITIVES, UPPER, WIDTH
+from fovden.tracer.kernels import rays as bounds
+from fovden.tracer.kernels.layout import CHILDREN, CUTOUT, PRIMITIVES, UPPER, WIDTH
+from fovden.tracer.kernels.surface import CUTOFF, FINISH, LINKS, MATERIAL, OPACITY, RECORD, UV, GeometryArrays
 
 __all__ = ["Decoded", "closest_hits", "decoded"]
 
@@ -34,7 +36,7 @@ class Decoded(NamedTuple):
 
     ``lower`` and ``upper`` bounds of k nodes' eight children have the shape (k, 3, 8) and ``children`` (k, 8): a code
     >= 0 is a node, a negative one is the leaf ``~code``. The ``corners`` of b leaves' eight triangles have the shape
-    (b, 3, 3, 8): vertex, axis, triangle; ``prims`` are their numbers, (b, 8).
+    (b, 3, 3, 8): vertex, axis, triangle; ``prims`` are their numbers and ``holes`` whether they may have any, (b, 8).
     """
 
     lower: Tensor
@@ -42,6 +44,7 @@ class Decoded(NamedTuple):
     children: Tensor
     corners: Tensor
     prims: Tensor
+    holes: Tensor
 
 
 def decoded(nodes: Tensor, blocks: Tensor) -> Decoded:
@@ -67,12 +70,19 @@ def decoded(nodes: Tensor, blocks: Tensor) -> Decoded:
         nodes[:, UPPER:CHILDREN].reshape(-1, 3, WIDTH),
         children.to(torch.int64),
         blocks[:, :PRIMITIVES].reshape(-1, 3, 3, WIDTH),
-        prims,
+        prims & ~CUTOUT,
+        (prims >= CUTOUT),
     )
 
 
 def closest_hits(
-    structure: Decoded, origins: Tensor, directions: Tensor, t_max: Tensor, *, any_hit: bool = False
+    structure: Decoded,
+    origins: Tensor,
+    directions: Tensor,
+    t_max: Tensor,
+    *,
+    any_hit: bool = False,
+    geometry: GeometryArrays | None = None,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Returns t, u, v and the triangle of each ray's first hit in (0, t_max), as the kernels do.
 
@@ -82,6 +92,7 @@ def closest_hits(
         directions: Directions, float32, shape (n, 3).
         t_max: Ends of the rays, float32, shape (n).
         any_hit: Whether a ray may stop at whatever it hits first, which need not be the closest.
+        geometry: Where to look up holes; ``None`` takes all triangles for solid.
 
     Returns:
         Four tensors of shape (n); (inf, 0, 0, -1) is a miss, also where a ray is zero or not finite.
@@ -95,21 +106,44 @@ def closest_hits(
         >>> [round(float(x), 3) for x in closest_hits(structure, *ray, torch.tensor([torch.inf]))]
         [10.98, 0.418, 0.0, 26.0]
     """
+    holes = None if geometry is None else _Holes.of(geometry, origins.device)
     parts = []
     for start in range(0, max(1, len(origins)), RAYS_AT_ONCE):
         chosen = slice(start, start + RAYS_AT_ONCE)
-        parts.append(_walk(structure, origins[chosen], directions[chosen], t_max[chosen], any_hit))
+        parts.append(_walk(structure, holes, origins[chosen], directions[chosen], t_max[chosen], any_hit))
     t, u, v, prim = (torch.cat(part) for part in zip(*parts, strict=True))
     return t, u, v, prim
 
 
-class _Rays(NamedTuple):
-    """Rays prepared for boxes and triangles, every field with one row a ray; axes are in the order (x, y, main)."""
+class _Holes(NamedTuple):
+    """What tells whether a triangle is there, on the rays' device."""
 
-    origin: Tensor
-    inverse: Tensor
+    triangles: Tensor
+    finishes: Tensor
+    links: Tensor
+    texels: Tensor
+    images: Tensor
+
+    @classmethod
+    def of(cls, arrays: GeometryArrays, device: torch.device) -> _Holes:
+        texels = torch.from_numpy(arrays.texels.view("int32")) & 0xFF
+        others = (arrays.triangles, arrays.finishes, arrays.links)
+        parts = (*map(torch.from_numpy, others), texels, torch.from_numpy(arrays.images))
+        return cls(*(part.to(device) for part in parts))
+
+
+class _Rays(NamedTuple):
+    """Rays prepared for boxes and triangles as :func:`fovden.tracer.kernels.rays.prepare` does, a row for each.
+
+    Axes of triangles are in the order (x, y, main).
+    """
+
+    near: Tensor  # a bound that is the first of its axis is met at bound * near + near_at
+    near_at: Tensor
+    far: Tensor
+    far_at: Tensor
     axes: Tensor  # numbers of the axes: the direction's largest component comes last
-    sheared_origin: Tensor
+    origin: Tensor  # along these
     shear: Tensor  # direction / largest component along the first two axes, and 1 / largest component
 
 
@@ -121,20 +155,29 @@ def _prepared(origins: Tensor, directions: Tensor) -> _Rays:
     along = directions.gather(1, axes)
     inverse = 1 / along[:, 2:]
     shear = torch.cat([along[:, :2] * inverse, inverse], 1)
-    return _Rays(origins, 1 / directions, axes, origins.gather(1, axes), shear)
+    smallest = float(bounds.SMALLEST) * sizes.amax(1, keepdim=True)
+    near = 1 / torch.where(sizes < smallest, torch.copysign(smallest, directions), directions)
+    at, greatest, slack = -origins * near, float(bounds.GREATEST), float(bounds.SLACK)
+    error = at.abs() * float(bounds.ROUNDING)
+    near_at, far_at = ((part).clamp(-greatest, greatest) for part in (at - error, (at + error) * slack))
+    return _Rays(near, near_at, near * slack, far_at, axes, origins.gather(1, axes), shear)
 
 
 def _walk(
-    structure: Decoded, origins: Tensor, directions: Tensor, t_max: Tensor, any_hit: bool
+    structure: Decoded, holes: _Holes | None, origins: Tensor, directions: Tensor, t_max: Tensor, any_hit: bool
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """All rays from the root to the end of their stacks."""
-    rays, count = _prepared(origins, directions), len(origins)
-    best_t, best_u, best_v = t_max.clone(), torch.zeros_like(t_max), torch.zeros_like(t_max)
+    length, largest, count = directions.abs().sum(1), directions.abs().amax(1), len(origins)
+    live = ((length > 0) & (length + origins.abs().sum(1) < torch.inf)).nonzero()[:, 0]
+    long = torch.where(largest > float(bounds.LONG), float(bounds.SHORTENED), 1.0)
+    scale = torch.where(largest < float(bounds.SHORT), float(bounds.LENGTHENED), long)
+    rays, end = _prepared(origins, directions * scale[:, None]), t_max / scale
+    # The greatest number below the end; no distance is within it where the end is not positive or no number.
+    best_t = torch.where(end > 0, (end.view(torch.int32) - 1).view(torch.float32), -1.0)
+    best_u, best_v = torch.zeros_like(t_max), torch.zeros_like(t_max)
     best_prim = torch.full_like(t_max, -1, dtype=torch.int32)
     stack = torch.zeros(count, FIRST_STACK, dtype=torch.int64, device=origins.device)
     top, code = stack.new_zeros(count), stack.new_zeros(count)
-    length = directions.abs().sum(1)
-    live = ((length > 0) & (length + origins.abs().sum(1) < torch.inf)).nonzero()[:, 0]
     while len(live) > 0:
         at_node = live[code[live] >= 0]
         keys = _box_keys(structure, rays, at_node, code[at_node], best_t[at_node])
@@ -149,8 +192,9 @@ def _walk(
         top[at_node] += (number - 1).clamp_min(0)
 
         at_leaf = live[(code[live] < 0) & (code[live] != SEEKING)]
-        t, u, v, prim = _leaf_hits(structure, rays, at_leaf, ~code[at_leaf], best_t[at_leaf])
-        closer = t < best_t[at_leaf]
+        t, u, v, prim = _leaf_hits(structure, holes, rays, at_leaf, ~code[at_leaf], best_t[at_leaf])
+        known, limit = best_prim[at_leaf], best_t[at_leaf]
+        closer = (t < limit) | ((t == limit) & ((known < 0) | (prim < known)))
         for best, found in ((best_t, t), (best_u, u), (best_v, v), (best_prim, prim)):
             best[at_leaf] = torch.where(closer, found, best[at_leaf])
 
@@ -160,11 +204,11 @@ def _walk(
         ended = (top[seeking] == 0) | (any_hit & (best_prim[seeking] >= 0))
         top[seeking] -= 1
         key = stack[seeking, top[seeking].clamp_min(0)]
-        limit = best_t[seeking].view(torch.int32).to(torch.int64) << 32
-        code[seeking] = torch.where(key < limit, _child(key), SEEKING)
+        beyond = best_t[seeking].view(torch.int32).to(torch.int64) + 1 << 32
+        code[seeking] = torch.where(key < beyond, _child(key), SEEKING)
         top[seeking[ended]] = -1
         live = live[top[live] >= 0]
-    return torch.where(best_prim >= 0, best_t, torch.inf), best_u, best_v, best_prim
+    return torch.where(best_prim >= 0, best_t * scale, torch.inf), best_u, best_v, best_prim
 
 
 def _child(key: Tensor) -> Tensor:
@@ -172,28 +216,26 @@ def _child(key: Tensor) -> Tensor:
     return key << 32 >> 32
 
 
-def _box_keys(structure: Decoded, rays: _Rays, chosen: Tensor, node: Tensor, t_max: Tensor) -> Tensor:
+def _box_keys(structure: Decoded, rays: _Rays, chosen: Tensor, node: Tensor, limit: Tensor) -> Tensor:
     """For each child's box the entry distance's bits above the child code, or -1 where the ray misses the box."""
-    origin, inverse = rays.origin[chosen, :, None], rays.inverse[chosen, :, None]
+    near, near_at, far, far_at = (part[chosen, :, None] for part in rays[:4])
     lower, upper = structure.lower[node], structure.upper[node]
-    first = (torch.where(inverse < 0, upper, lower) - origin) * inverse
-    last = (torch.where(inverse < 0, lower, upper) - origin) * inverse
-    entry, leave = torch.zeros_like(first[:, 0]), torch.full_like(first[:, 0], torch.inf)
-    for axis in range(3):  # a bound that is NaN, 0 * infinity, is passed over
+    first = torch.where(near < 0, upper, lower) * near + near_at
+    last = torch.where(near < 0, lower, upper) * far + far_at
+    entry, leave = torch.zeros_like(first[:, 0]), limit[:, None].expand(-1, WIDTH)
+    for axis in range(3):  # a bound that is NaN, infinity - infinity, is passed over
         entry = torch.where(first[:, axis] > entry, first[:, axis], entry)
         leave = torch.where(last[:, axis] < leave, last[:, axis], leave)
-    leave = leave * FAR_SLACK
-    leave = torch.where(leave < t_max[:, None], leave, t_max[:, None])
     key = (entry.view(torch.int32).to(torch.int64) << 32) | (structure.children[node] & LOW_HALF)
     return torch.where(entry <= leave, key, -1)
 
 
 def _leaf_hits(
-    structure: Decoded, rays: _Rays, chosen: Tensor, leaf: Tensor, t_max: Tensor
+    structure: Decoded, holes: _Holes | None, rays: _Rays, chosen: Tensor, leaf: Tensor, limit: Tensor
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The closest hit within each ray's leaf; t is infinite without one."""
+    """The closest hit within each ray's leaf, of equals the one of the lowest number; t is infinite without one."""
     axes = rays.axes[chosen, None, :, None].expand(-1, 3, -1, WIDTH)
-    corners = structure.corners[leaf].gather(2, axes) - rays.sheared_origin[chosen, None, :, None]
+    corners = structure.corners[leaf].gather(2, axes) - rays.origin[chosen, None, :, None]
     depth, shear = corners[:, :, 2], rays.shear[chosen, :, None]
     ax, bx, cx = (corners[:, :, 0] - shear[:, None, 0] * depth).unbind(1)
     ay, by, cy = (corners[:, :, 1] - shear[:, None, 1] * depth).unbind(1)
@@ -201,8 +243,32 @@ def _leaf_hits(
     inside = ((u >= 0) & (v >= 0) & (w >= 0)) | ((u <= 0) & (v <= 0) & (w <= 0))
     determinant = u + v + w
     t = (u * depth[:, 0] + v * depth[:, 1] + w * depth[:, 2]) * shear[:, 2] / determinant
-    t = torch.where(inside & (t > 0) & (t < t_max[:, None]), t, torch.inf)
-    lane = t.argmin(1, keepdim=True)  # the first of equals
-    hits = (t, v / determinant, w / determinant, structure.prims[leaf])
-    t, u, v, prim = (field.gather(1, lane)[:, 0] for field in hits)
+    hit, prim = inside & (t > 0) & (t <= limit[:, None]), structure.prims[leaf]
+    u, v = v / determinant, w / determinant
+    if holes is not None:
+        asked = hit & structure.holes[leaf]
+        hit[asked] = _opaque(holes, prim[asked].long(), u[asked], v[asked])
+    t = torch.where(hit, t, torch.inf)
+    nearest = t == t.amin(1, keepdim=True)
+    lane = torch.where(nearest, prim, torch.iinfo(prim.dtype).max).argmin(1, keepdim=True)
+    t, u, v, prim = (field.gather(1, lane)[:, 0] for field in (t, u, v, prim))
     return t, u, v, prim
+
+
+def _opaque(holes: _Holes, prim: Tensor, u: Tensor, v: Tensor) -> Tensor:
+    """Whether triangles are there, with the roundings of :func:`fovden.tracer.kernels.surface.is_opaque`."""
+    triangle, one = holes.triangles.reshape(-1, RECORD)[prim], 1 - u - v
+    material = triangle.view(torch.int32)[:, MATERIAL].long()
+    image = holes.links.reshape(-1, LINKS)[material, OPACITY].long()
+    s, t = (one * triangle[:, k] + u * triangle[:, k + 2] + v * triangle[:, k + 4] for k in (UV, UV + 1))
+    first, height, width = holes.images[image].unbind(1)
+    x, y = (s - s.floor()) * width - 0.5, (1 - (t - t.floor())) * height - 0.5
+    column, row = x.floor(), y.floor()
+    x, y, column, row = x - column, y - row, column.long(), row.long()
+    rows = []
+    for down in range(2):
+        begin = first + (row + down) % height * width
+        left, right = (holes.texels[begin + (column + along) % width].float() for along in range(2))
+        rows.append((1 - x) * left + x * right)
+    opacity = torch.tensor(1 / 255) * ((1 - y) * rows[0] + y * rows[1])
+    return opacity >= holes.finishes.reshape(-1, FINISH)[material, CUTOFF]

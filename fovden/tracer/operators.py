@@ -84,24 +84,26 @@ def define_operator(schema: str, run: Callable[..., Any], fake: Callable[..., An
     torch.library.register_fake(name, fake)
 
 
-def _intersect(scene: int, origins: Tensor, directions: Tensor, t_max: Tensor | None) -> tuple[Tensor, ...]:
-    return tuple(intersect(scene_of(scene).bvh, origins, directions, t_max))
+def _intersect(number: int, origins: Tensor, directions: Tensor, t_max: Tensor | None, cutouts: bool) -> Any:
+    scene = scene_of(number)
+    return tuple(intersect(scene.bvh, origins, directions, t_max, scene.holes(cutouts)))
 
 
-def _like_hits(_scene: int, origins: Tensor, *_: Tensor | None) -> tuple[Tensor, ...]:
+def _like_hits(_scene: int, origins: Tensor, *_: object) -> tuple[Tensor, ...]:
     t, u, v = (origins.new_empty(origins.shape[0], dtype=torch.float32) for _ in range(3))
     return t, u, v, origins.new_empty(origins.shape[0], dtype=torch.int32)
 
 
-def _occluded(scene: int, origins: Tensor, directions: Tensor, t_max: Tensor | None) -> Tensor:
-    return occluded(scene_of(scene).bvh, origins, directions, t_max)
+def _occluded(number: int, origins: Tensor, directions: Tensor, t_max: Tensor | None, cutouts: bool) -> Tensor:
+    scene = scene_of(number)
+    return occluded(scene.bvh, origins, directions, t_max, scene.holes(cutouts))
 
 
-def _like_occluded(_scene: int, origins: Tensor, *_: Tensor | None) -> Tensor:
+def _like_occluded(_scene: int, origins: Tensor, *_: object) -> Tensor:
     return origins.new_empty(origins.shape[0], dtype=torch.bool)
 
 
-_RAYS = "(int scene, Tensor origins, Tensor directions, Tensor? t_max)"
+_RAYS = "(int scene, Tensor origins, Tensor directions, Tensor? t_max, bool cutouts)"
 define_operator(f"fovden::intersect{_RAYS} -> (Tensor t, Tensor u, Tensor v, Tensor prim)", _intersect, _like_hits)
 define_operator(f"fovden::occluded{_RAYS} -> Tensor", _occluded, _like_occluded)
 
@@ -109,13 +111,15 @@ define_operator(f"fovden::occluded{_RAYS} -> Tensor", _occluded, _like_occluded)
 def _batched(name: str) -> Callable[..., Any]:
     """How an operator on rays answers ``torch.func.vmap``: all rays of the batch in one call."""
 
-    def rule(info: Any, axes: Any, scene: int, *rays: Tensor | None) -> Any:
+    def rule(info: Any, axes: Any, scene: int, *arguments: Any) -> Any:
         size = info.batch_size
+        *rays, cutouts = arguments
         moved = [
             ray if ray is None else ray.expand(size, *ray.shape) if axis is None else ray.movedim(axis, 0)
-            for ray, axis in zip(rays, axes[1:], strict=True)
+            for ray, axis in zip(rays, axes[1:4], strict=True)
         ]
-        found = getattr(torch.ops.fovden, name)(scene, *(ray if ray is None else ray.flatten(0, 1) for ray in moved))
+        flat = (ray if ray is None else ray.flatten(0, 1) for ray in moved)
+        found = getattr(torch.ops.fovden, name)(scene, *flat, cutouts)
         if isinstance(found, Tensor):
             return found.reshape(size, -1), 0
         return tuple(field.reshape(size, -1) for field in found), (0,) * len(found)

@@ -20,6 +20,7 @@ from fovden.tracer.arrays import LightChoice, geometry_arrays, light_table
 from fovden.tracer.bvh import Backend, Bvh, Hits, build_bvh, intersect, occluded
 from fovden.tracer.formats import write_gltf, write_obj
 from fovden.tracer.gradient import attached, corners_at, hits_at, is_differentiable
+from fovden.tracer.kernels.surface import GeometryArrays
 from fovden.tracer.lights import Light
 from fovden.tracer.materials import Materials
 from fovden.tracer.operators import number_of
@@ -107,7 +108,12 @@ class Scene:
     @cached_property
     def bvh(self) -> Bvh:
         """The acceleration structure, built when first asked for."""
-        return build_bvh(self.vertices, self.faces)
+        return build_bvh(self.vertices, self.faces, self._has_cutout[self.material_ids.long()])
+
+    @property
+    def _has_cutout(self) -> Tensor:
+        """Which materials have holes, shape (k)."""
+        return self.materials.opacity >= 0
 
     @cached_property
     def triangle_areas(self) -> Tensor:
@@ -137,11 +143,17 @@ class Scene:
         return (self.bvh.nodes.numpy(), self.bvh.blocks.numpy(), self._geometry_arrays, self.__dict__[key])
 
     @cached_property
-    def _geometry_arrays(self) -> Any:
+    def _geometry_arrays(self) -> GeometryArrays:
         return geometry_arrays(self)
 
     def intersect(
-        self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, backend: Backend = "kernels"
+        self,
+        origins: Tensor,
+        directions: Tensor,
+        t_max: Tensor | None = None,
+        *,
+        cutouts: bool = True,
+        backend: Backend = "kernels",
     ) -> Hits:
         """Returns the closest hit of each ray with 0 < t < t_max; see :func:`fovden.tracer.intersect`.
 
@@ -149,6 +161,7 @@ class Scene:
             origins: Starting points in metres, shape (n, 3).
             directions: Directions of any length but zero, shape (n, 3).
             t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+            cutouts: Whether rays pass through the holes that opacity images cut, as the rays of paths do.
             backend: Who traces, ``"kernels"`` or ``"torch"``: the same bits.
 
         Returns:
@@ -165,9 +178,10 @@ class Scene:
         """
         if backend == "kernels":
             require_shapes("n 3", origins=origins, directions=directions)
-            hits = Hits(*torch.ops.fovden.intersect(self.number, origins.detach(), directions.detach(), t_max))
+            rays = (origins.detach(), directions.detach(), t_max)
+            hits = Hits(*torch.ops.fovden.intersect(self.number, *rays, cutouts))
         else:
-            hits = intersect(self.bvh, origins, directions, t_max, backend=backend)
+            hits = intersect(self.bvh, origins, directions, t_max, self.holes(cutouts), backend=backend)
         if not is_differentiable(self.vertices, origins, directions):
             return hits
         corners = corners_at(self.vertices, self.faces, hits.prim.to(self.faces.device))
@@ -177,7 +191,13 @@ class Scene:
         return Hits(t, u, v, hits.prim)
 
     def occluded(
-        self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, *, backend: Backend = "kernels"
+        self,
+        origins: Tensor,
+        directions: Tensor,
+        t_max: Tensor | None = None,
+        *,
+        cutouts: bool = True,
+        backend: Backend = "kernels",
     ) -> Tensor:
         """Returns whether any triangle lies on each ray with 0 < t < t_max; see :func:`fovden.tracer.occluded`.
 
@@ -185,6 +205,7 @@ class Scene:
             origins: Starting points in metres, shape (n, 3).
             directions: Directions of any length but zero, shape (n, 3).
             t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+            cutouts: Whether rays pass through the holes that opacity images cut, as the rays of paths do.
             backend: Who traces, ``"kernels"`` (the operator ``fovden::occluded``) or ``"torch"``.
 
         Returns:
@@ -197,10 +218,27 @@ class Scene:
             tensor([False])
         """
         if backend != "kernels":
-            return occluded(self.bvh, origins, directions, t_max, backend=backend)
+            return occluded(self.bvh, origins, directions, t_max, self.holes(cutouts), backend=backend)
         require_shapes("n 3", origins=origins, directions=directions)
-        blocked: Tensor = torch.ops.fovden.occluded(self.number, origins.detach(), directions.detach(), t_max)
+        rays = (origins.detach(), directions.detach(), t_max)
+        blocked: Tensor = torch.ops.fovden.occluded(self.number, *rays, cutouts)
         return blocked
+
+    def holes(self, cutouts: bool = True) -> GeometryArrays | None:
+        """Returns where rays look up holes; ``None`` where there are none, or none that matter.
+
+        Args:
+            cutouts: Whether they matter.
+
+        Returns:
+            The scene's arrays, or ``None``.
+
+        Example:
+            >>> from fovden.tracer import make_scene
+            >>> make_scene("cornell_box").holes() is None
+            True
+        """
+        return self._geometry_arrays if cutouts and bool(self._has_cutout.any()) else None
 
     def view(self, name: str | None = None) -> StereoCamera:
         """Returns the scene's camera, or one of its other views.

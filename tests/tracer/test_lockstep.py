@@ -4,10 +4,10 @@ import math
 
 import pytest
 import torch
-from builders import generator, soup
+from builders import generator, scene_of, soup
 from test_simd_twins import numbers
 
-from fovden.tracer import build_bvh, intersect, make_scene, occluded
+from fovden.tracer import Material, build_bvh, intersect, make_scene, occluded
 from fovden.tracer.lockstep import RAYS_AT_ONCE, closest_hits, decoded
 
 COUNT = 4000
@@ -79,6 +79,39 @@ def test_through_a_scene():
     assert torch.equal(scene.occluded(*rays), scene.occluded(*rays, backend="torch"))
     with pytest.raises(ValueError, match=r"backend: expected 'kernels' or 'torch', got embree"):
         scene.intersect(*rays, backend="embree")
+
+
+def test_holes():
+    """Triangles with an opacity image, all over the place, and as many without."""
+    mesh, opacity = soup(200), torch.randint(0, 256, (7, 5), generator=generator(6), dtype=torch.uint8)
+    materials = (Material("leaf", (0.5, 0.5, 0.5), opacity=opacity, cutoff=0.4), Material("wall", (0.5, 0.5, 0.5)))
+    uv = 3 * torch.randn(len(mesh[0]), 2, generator=generator(7))
+    scene = scene_of(mesh, *materials, uv=uv, material_ids=torch.arange(200) % 2)
+    origins, directions = torch.randn(2, COUNT, 3, generator=generator(5))
+    rays = origins, directions - 0.5 * origins
+    hits, there = scene.intersect(*rays), scene.intersect(*rays, backend="torch")
+    for mine, other in zip(hits, there, strict=True):
+        assert torch.equal(mine.view(torch.int32), other.view(torch.int32))
+    assert torch.equal(scene.occluded(*rays), scene.occluded(*rays, backend="torch"))
+    solid = scene.intersect(*rays, cutouts=False, backend="torch")
+    assert torch.equal(solid.prim, scene.intersect(*rays, cutouts=False).prim)
+    assert 0.05 < float((solid.prim != hits.prim).float().mean()) < 0.5
+
+
+@pytest.mark.parametrize("size", [1e-30, 1e-18, 1e18, 1e30])
+def test_directions_of_any_length(size):
+    bvh = build_bvh(*soup(500))
+    origins, directions = torch.randn(2, COUNT, 3, generator=generator(11))
+    assert agree(bvh, origins, size * (directions - origins), torch.full((COUNT,), 0.9 / size)) > 0.05
+
+
+def test_of_equals_the_lowest():
+    vertices, faces = soup(30)
+    bvh = build_bvh(vertices, faces.repeat(9, 1))
+    origins, directions = torch.randn(2, COUNT, 3, generator=generator(12))
+    directions = directions - 2 * origins
+    assert agree(bvh, origins, directions) > 0.1
+    assert int(intersect(bvh, origins, directions, backend="torch").prim.max()) < 30
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

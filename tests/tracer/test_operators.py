@@ -36,7 +36,7 @@ def test_pytorch_finds_nothing_wrong_with_rays(count):
     scene = scene_of(soup(100))
     for t_max in (None, torch.rand(count, generator=generator(2))):
         for operator in (OPERATORS.intersect.default, OPERATORS.occluded.default):
-            torch.library.opcheck(operator, (scene.number, *rays(count), t_max))
+            torch.library.opcheck(operator, (scene.number, *rays(count), t_max, True))
 
 
 def test_pytorch_finds_nothing_wrong_with_pictures():
@@ -143,7 +143,7 @@ def test_scenes_are_found_by_number_as_long_as_they_live():
     del scene
     gc.collect()
     with pytest.raises(RuntimeError, match=f"a scene that this process holds, got {number}"):
-        OPERATORS.intersect(number, *rays(1), None)
+        OPERATORS.intersect(number, *rays(1), None, True)
 
 
 def test_an_operator_costs_little():

@@ -8,12 +8,24 @@ import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
 from fovden.rng import Stream, philox
-from fovden.simd import advanced, pointer_to, stack_floats, stack_words
+from fovden.simd import advanced, load_int32, pointer_to, stack_floats, stack_words
 from fovden.tracer.kernels.bsdf import LAMBERT
 from fovden.tracer.kernels.illumination import LightTable, environment_radiance
-from fovden.tracer.kernels.layout import RESULTS_SIZE, STACK_SIZE, WIDTH
+from fovden.tracer.kernels.layout import SCRATCH_SIZE, STACK_SIZE
 from fovden.tracer.kernels.path import TAPE, Hit, Setting, Tape, World, open_world, trace, trace_path
 from fovden.tracer.kernels.surface import GeometryArrays, albedo_of, emitted, surface_at
+from fovden.tracer.kernels.tiles import (
+    PRIM,
+    RAYS,
+    SIDE,
+    TILE_SIZE,
+    T,
+    U,
+    V,
+    closest_tile,
+    direction_of,
+    put_direction,
+)
 from fovden.tracer.kernels.traversal import Scratch
 from fovden.tracer.kernels.vectors import Vector, added, dot, luminance, normalised, scaled
 
@@ -89,30 +101,44 @@ def trace_primary(
     barycentric: Any,
     emission: Any,
 ) -> None:
-    """Writes the G-buffer and the visible emission of the pixels start .. stop - 1, counted through all views."""
-    scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
+    """Writes the G-buffer and the visible emission of the tiles start .. stop - 1.
+
+    Tiles are four by four pixels, counted row by row through all views.
+    """
+    scratch, tile = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE)), stack_floats(TILE_SIZE)
     world = open_world(nodes, blocks, geometry, lights)
     height, width = prim.shape[2], prim.shape[3]
-    for i in range(start, stop):
-        view, y, x = i // (height * width), i // width % height, i % width
-        origin, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
-        hit = trace(world, scratch, origin, direction)
-        prim[view, 0, y, x] = hit.prim
-        barycentric[view, 0, y, x], barycentric[view, 1, y, x] = hit.u, hit.v
-        write(emission, view, y, x, background(world, hit, direction))
-        if hit.prim >= 0:
-            surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
-            write(albedo, view, y, x, albedo_of(world.geometry, surface))
-            write(normal, view, y, x, surface.normal)
-            write(position, view, y, x, surface.position)
-            axis = views.forward[view]
-            depth[view, 0, y, x] = hit.t * dot(direction, Vector(axis[0], axis[1], axis[2]))
-            roughness[view, 0, y, x] = ONE if surface.model == LAMBERT else surface.roughness
-        else:
-            write(albedo, view, y, x, BLACK)
-            write(normal, view, y, x, BLACK)
-            write(position, view, y, x, BLACK)
-            depth[view, 0, y, x], roughness[view, 0, y, x] = ZERO, ZERO
+    across, down = (width + SIDE - 1) // SIDE, (height + SIDE - 1) // SIDE
+    for item in range(start, stop):
+        view, top, left = item // (across * down), item // across % down * SIDE, item % across * SIDE
+        origin = views.origin[view]
+        for i in range(RAYS):
+            y, x = min(top + i // SIDE, height - 1), min(left + i % SIDE, width - 1)
+            _, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
+            put_direction(tile, i, direction)
+        closest_tile(world.accelerator, scratch, tile, origin[0], origin[1], origin[2])
+        for i in range(RAYS):
+            y, x = top + i // SIDE, left + i % SIDE
+            if y >= height or x >= width:
+                continue
+            direction = direction_of(tile, i)
+            hit = Hit(tile[T + i], tile[U + i], tile[V + i], np.int64(load_int32(tile, PRIM + i)))
+            prim[view, 0, y, x] = hit.prim
+            barycentric[view, 0, y, x], barycentric[view, 1, y, x] = hit.u, hit.v
+            write(emission, view, y, x, background(world, hit, direction))
+            if hit.prim >= 0:
+                surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
+                write(albedo, view, y, x, albedo_of(world.geometry, surface))
+                write(normal, view, y, x, surface.normal)
+                write(position, view, y, x, surface.position)
+                axis = views.forward[view]
+                depth[view, 0, y, x] = hit.t * dot(direction, Vector(axis[0], axis[1], axis[2]))
+                roughness[view, 0, y, x] = ONE if surface.model == LAMBERT else surface.roughness
+            else:
+                write(albedo, view, y, x, BLACK)
+                write(normal, view, y, x, BLACK)
+                write(position, view, y, x, BLACK)
+                depth[view, 0, y, x], roughness[view, 0, y, x] = ZERO, ZERO
 
 
 @kernel
@@ -168,7 +194,7 @@ def trace_listed(
         tape: Receives what the paths are made of, (all samples, bounces + 1, TAPE); empty where it does not matter.
         tape_first: First sample of each of the listed pixels on tape, (k).
     """
-    scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
+    scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
     taped, per_path = tape.shape[0] > 0, np.int64(TAPE) * (setting.bounces + 1)
     for i in range(start, stop):
@@ -271,7 +297,7 @@ def accumulate_all(
         total: Sums of the samples' radiance, float64, (v, 3, h, w).
         squares: Sums of its squares, float64, (v, 3, h, w).
     """
-    scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
+    scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
     height, width, nowhere = total.shape[2], total.shape[3], stack_floats(1)
     for i in range(start, stop):
