@@ -7,7 +7,7 @@ vertex (:mod:`fovden.tracer.kernels.triangles`).
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import torch
@@ -145,13 +145,8 @@ def _binary_tree(pieces: np.ndarray, owners: np.ndarray) -> Tree:
     return tree
 
 
-def no_geometry() -> GeometryArrays:
-    """Returns what the kernels get in place of a scene's arrays where no triangle has a hole.
-
-    Example:
-        >>> no_geometry().images.shape
-        (1, 3)
-    """
+def _no_geometry() -> GeometryArrays:
+    """What the kernels get in place of a scene's arrays where no triangle has a hole."""
     return GeometryArrays(
         np.zeros((1, RECORD), np.float32),
         np.zeros((1, FINISH), np.float32),
@@ -167,7 +162,7 @@ def intersect(
     origins: Tensor,
     directions: Tensor,
     t_max: Tensor | None = None,
-    geometry: GeometryArrays | None = None,
+    geometry: tuple[Any, ...] | None = None,
     *,
     backend: Backend = "kernels",
 ) -> Hits:
@@ -211,7 +206,7 @@ def occluded(
     origins: Tensor,
     directions: Tensor,
     t_max: Tensor | None = None,
-    geometry: GeometryArrays | None = None,
+    geometry: tuple[Any, ...] | None = None,
     *,
     backend: Backend = "kernels",
 ) -> Tensor:
@@ -250,9 +245,9 @@ def occluded(
     return blocked.to(origins.device)
 
 
-def _arrays(bvh: Bvh, geometry: GeometryArrays | None) -> tuple[object, ...]:
+def _arrays(bvh: Bvh, geometry: tuple[Any, ...] | None) -> tuple[object, ...]:
     """Nodes, blocks, geometry, and whether to ask it for holes."""
-    return bvh.nodes.numpy(), bvh.blocks.numpy(), geometry or no_geometry(), geometry is not None
+    return bvh.nodes.numpy(), bvh.blocks.numpy(), geometry or _no_geometry(), geometry is not None
 
 
 def _prepare(

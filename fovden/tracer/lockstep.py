@@ -8,7 +8,7 @@ triangle of the lowest number counts. So hits are equal to the bit, in whatever 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -82,7 +82,7 @@ def closest_hits(
     t_max: Tensor,
     *,
     any_hit: bool = False,
-    geometry: GeometryArrays | None = None,
+    geometry: tuple[Any, ...] | None = None,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Returns t, u, v and the triangle of each ray's first hit in (0, t_max), as the kernels do.
 
@@ -106,7 +106,7 @@ def closest_hits(
         >>> [round(float(x), 3) for x in closest_hits(structure, *ray, torch.tensor([torch.inf]))]
         [10.98, 0.418, 0.0, 26.0]
     """
-    holes = None if geometry is None else _Holes.of(geometry, origins.device)
+    holes = None if geometry is None else _Holes.of(GeometryArrays(*geometry), origins.device)
     parts = []
     for start in range(0, max(1, len(origins)), RAYS_AT_ONCE):
         chosen = slice(start, start + RAYS_AT_ONCE)

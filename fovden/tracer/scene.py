@@ -224,7 +224,7 @@ class Scene:
         blocked: Tensor = torch.ops.fovden.occluded(self.number, *rays, cutouts)
         return blocked
 
-    def holes(self, cutouts: bool = True) -> GeometryArrays | None:
+    def holes(self, cutouts: bool = True) -> tuple[Any, ...] | None:
         """Returns where rays look up holes; ``None`` where there are none, or none that matter.
 
         Args:

@@ -7,7 +7,7 @@ from builders import generator, rounded, soup, sphere
 
 from fovden.camera import StereoCamera
 from fovden.tracer import build_bvh, intersect
-from fovden.tracer.bvh import no_geometry
+from fovden.tracer.bvh import _no_geometry
 from fovden.tracer.kernels.tiles import closest_pixels
 
 
@@ -15,7 +15,7 @@ def by_tiles(bvh, origin, directions):
     height, width, _ = directions.shape
     t, u, v = np.empty((3, height, width), np.float32)
     prim = np.empty((height, width), np.int32)
-    arrays = bvh.nodes.numpy(), bvh.blocks.numpy(), no_geometry(), False, origin.numpy(), directions.numpy()
+    arrays = bvh.nodes.numpy(), bvh.blocks.numpy(), _no_geometry(), False, origin.numpy(), directions.numpy()
     closest_pixels(0, -(-height // 4) * -(-width // 4), *arrays, t, u, v, prim)
     return [torch.from_numpy(field) for field in (t, u, v, prim)]
 
@@ -37,11 +37,11 @@ VIEWS = {
     "from inside": ((0.1, 0.05, 0.2), (1.0, 0.3, 0.9)),
 }
 
+MESHES = {"soup": lambda: soup(3000, size=0.15), "sphere": lambda: (rounded(sphere(3)[0]), sphere(3)[1])}
+
 
 @pytest.mark.parametrize("name", VIEWS)
-@pytest.mark.parametrize(
-    "make", [lambda: soup(3000, size=0.15), lambda: (rounded(sphere(3)[0]), sphere(3)[1])], ids=["soup", "sphere"]
-)
+@pytest.mark.parametrize("make", MESHES.values(), ids=MESHES)
 def test_tiles_give_the_bits_of_single_rays(name, make):
     eye, target = VIEWS[name]
     camera = StereoCamera.look_at(eye, target, fov_x_deg=80, resolution=(66, 71)).views
