@@ -7,7 +7,7 @@ vertex (:mod:`fovden.tracer.kernels.triangles`).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import torch
@@ -20,8 +20,13 @@ from fovden.tracer.kernels import build, collapse, refit, splits, streams
 from fovden.tracer.kernels.build import SMALLEST_SUBTREE, STACK_ROWS, SUBTREES, UPPER_NODES, BinaryTree
 from fovden.tracer.kernels.layout import BLOCK_SIZE, CUTOUT, NODE_SIZE, WIDTH
 from fovden.tracer.kernels.surface import FINISH, LINKS, RECORD, GeometryArrays
+from fovden.tracer.lockstep import closest_hits, decoded
 
-__all__ = ["Bvh", "Hits", "Tree", "build_bvh", "build_tree", "intersect", "occluded", "refit_bvh"]
+__all__ = ["Backend", "Bvh", "Hits", "Tree", "build_bvh", "build_tree", "intersect", "occluded", "refit_bvh"]
+
+Backend = Literal["kernels", "torch"]
+"""Who traces: compiled code on the CPU, or tensor operations on the rays' device (:mod:`fovden.tracer.lockstep`), a
+hundred times slower, with the same result to the bit."""
 
 RAYS_PER_TILE = 4096
 TRIANGLES_PER_TILE = 1 << 16
@@ -234,7 +239,13 @@ def _no_geometry() -> GeometryArrays:
 
 
 def intersect(
-    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, geometry: tuple[Any, ...] | None = None
+    bvh: Bvh,
+    origins: Tensor,
+    directions: Tensor,
+    t_max: Tensor | None = None,
+    geometry: tuple[Any, ...] | None = None,
+    *,
+    backend: Backend = "kernels",
 ) -> Hits:
     """Returns the closest hit of each ray with 0 < t < t_max.
 
@@ -244,31 +255,41 @@ def intersect(
         directions: Directions of any length but zero, shape (n, 3).
         t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
         geometry: Where the kernels look up holes, see ``fovden/tracer/arrays.py``; ``None`` takes all for solid.
+        backend: See :data:`fovden.tracer.bvh.Backend`.
 
     Returns:
-        The hits. Of triangles at the same distance it is the one of the lowest number. Rays with a zero or non-finite
-        direction or a non-finite origin miss.
+        The hits, on the rays' device. Of triangles at the same distance it is the one of the lowest number. Rays with a
+        zero or non-finite direction or a non-finite origin miss.
 
     Raises:
         ShapeError: If a shape differs.
+        ValueError: If the backend is unknown.
 
-    Differentiable: no.
+    Differentiable: no; :meth:`fovden.tracer.Scene.intersect` is.
 
     Example:
         >>> bvh = build_bvh(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]]))
         >>> intersect(bvh, torch.tensor([[0.25, 0.25, 2.0]]), torch.tensor([[0.0, 0.0, -1.0]]))
         Hits(t=tensor([2.]), u=tensor([0.2500]), v=tensor([0.2500]), prim=tensor([0], dtype=torch.int32))
     """
-    count, rays = _prepare(origins, directions, t_max)
-    t, u, v = torch.empty(3, count)
+    count, rays = _prepare(origins, directions, t_max, backend)
+    if backend == "torch":
+        return Hits(*closest_hits(decoded(*(part.to(origins.device) for part in bvh)), *rays, geometry=geometry))
+    t, u, v = (torch.empty(count) for _ in range(3))
     hits = Hits(t, u, v, torch.empty(count, dtype=torch.int32))
-    arguments = (*_arrays(bvh, geometry), *rays, *(field.numpy() for field in hits))
-    parallel.run(streams.closest_hits, count, arguments, tile=RAYS_PER_TILE)
-    return hits
+    arrays = (tensor.numpy() for tensor in (*rays, *hits))
+    parallel.run(streams.closest_hits, count, (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
+    return Hits(*(field.to(origins.device) for field in hits))
 
 
 def occluded(
-    bvh: Bvh, origins: Tensor, directions: Tensor, t_max: Tensor | None = None, geometry: tuple[Any, ...] | None = None
+    bvh: Bvh,
+    origins: Tensor,
+    directions: Tensor,
+    t_max: Tensor | None = None,
+    geometry: tuple[Any, ...] | None = None,
+    *,
+    backend: Backend = "kernels",
 ) -> Tensor:
     """Returns whether any triangle lies on each ray with 0 < t < t_max.
 
@@ -278,12 +299,14 @@ def occluded(
         directions: Directions of any length but zero, shape (n, 3).
         t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
         geometry: Where the kernels look up holes, see ``fovden/tracer/arrays.py``; ``None`` takes all for solid.
+        backend: See :data:`fovden.tracer.bvh.Backend`.
 
     Returns:
-        Booleans of shape (n).
+        Booleans of shape (n), on the rays' device.
 
     Raises:
         ShapeError: If a shape differs.
+        ValueError: If the backend is unknown.
 
     Differentiable: no.
 
@@ -293,11 +316,14 @@ def occluded(
         >>> occluded(bvh, *rays), occluded(bvh, *rays, t_max=torch.tensor([1.0]))
         (tensor([True]), tensor([False]))
     """
-    count, rays = _prepare(origins, directions, t_max)
+    count, rays = _prepare(origins, directions, t_max, backend)
+    if backend == "torch":
+        structure = decoded(*(part.to(origins.device) for part in bvh))
+        return closest_hits(structure, *rays, any_hit=True, geometry=geometry)[3] >= 0
     blocked = torch.empty(count, dtype=torch.bool)
-    arguments = (*_arrays(bvh, geometry), *rays, blocked.numpy())
-    parallel.run(streams.any_hits, count, arguments, tile=RAYS_PER_TILE)
-    return blocked
+    arrays = (tensor.numpy() for tensor in (*rays, blocked))
+    parallel.run(streams.any_hits, count, (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
+    return blocked.to(origins.device)
 
 
 def _arrays(bvh: Bvh, geometry: tuple[Any, ...] | None) -> tuple[object, ...]:
@@ -305,11 +331,17 @@ def _arrays(bvh: Bvh, geometry: tuple[Any, ...] | None) -> tuple[object, ...]:
     return bvh.nodes.numpy(), bvh.blocks.numpy(), geometry or _no_geometry(), geometry is not None
 
 
-def _prepare(origins: Tensor, directions: Tensor, t_max: Tensor | None) -> tuple[int, tuple[object, ...]]:
-    """The number of rays and their arrays as the kernels read them."""
+def _prepare(
+    origins: Tensor, directions: Tensor, t_max: Tensor | None, backend: Backend
+) -> tuple[int, tuple[Tensor, Tensor, Tensor]]:
+    """The number of rays, and the rays as the backend reads them."""
+    require(backend in get_args(Backend), "backend", backend, " or ".join(map(repr, get_args(Backend))))
     sizes = require_shapes("n 3", origins=origins, directions=directions)
     if t_max is None:
         t_max = torch.full((sizes["n"],), torch.inf)
     require_shapes("n", sizes, t_max=t_max)
-    tensors = (tensor.detach().to("cpu", torch.float32).contiguous() for tensor in (origins, directions, t_max))
-    return sizes["n"], tuple(tensor.numpy() for tensor in tensors)
+    device = torch.device("cpu") if backend == "kernels" else origins.device
+    start, along, end = (
+        tensor.detach().to(device, torch.float32).contiguous() for tensor in (origins, directions, t_max)
+    )
+    return sizes["n"], (start, along, end)

@@ -57,6 +57,17 @@ def view_ray(views: Views, view: Int, x: Float, y: Float) -> tuple[Vector, Vecto
 
 
 @inlined
+def listed_direction(
+    views: Views, jitter_x: Float, jitter_y: Float, coordinates: Any, directions: Any, i: Int
+) -> Vector:
+    """Unit direction in which listed pixel i is seen: along its camera ray, unless directions are given."""
+    if directions.shape[0] > 0:
+        return Vector(directions[i, 0], directions[i, 1], directions[i, 2])
+    x, y = np.float32(coordinates[i, 2]) + jitter_x, np.float32(coordinates[i, 1]) + jitter_y
+    return view_ray(views, np.int64(coordinates[i, 0]), x, y)[1]
+
+
+@inlined
 def background(world: World, hit: Hit, direction: Vector) -> Vector:
     """What a camera ray sees shine: the emitter that it hits, or the surroundings."""
     if hit.prim >= 0:
@@ -145,7 +156,10 @@ def trace_listed(
     barycentric: Any,
     emission: Any,
     coordinates: Any,
+    places: Any,
+    directions: Any,
     counts: Any,
+    width: Int,
     setting: Setting,
     direct: Any,
     indirect: Any,
@@ -168,8 +182,11 @@ def trace_listed(
         prim: Triangle that each pixel sees, (v, 1, h, w).
         barycentric: Where on it, (v, 2, h, w).
         emission: Radiance that it emits, (v, 3, h, w).
-        coordinates: View, y, x of the listed pixels, (k, 3).
+        coordinates: View, y, x of the listed pixels, the address of their random numbers, (k, 3).
+        places: View, y, x of where the images hold them, (k, 3); for images of whole views the same.
+        directions: Unit directions in which they are seen, (k, 3); empty for their camera rays.
         counts: Samples of each of them, (k).
+        width: Width of a view.
         setting: How paths are made.
         direct: Receives the mean direct light.
         indirect: Receives the mean indirect light.
@@ -179,14 +196,15 @@ def trace_listed(
     """
     scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
-    width, taped, per_path = prim.shape[3], tape.shape[0] > 0, np.int64(TAPE) * (setting.bounces + 1)
+    taped, per_path = tape.shape[0] > 0, np.int64(TAPE) * (setting.bounces + 1)
     for i in range(start, stop):
-        view, y, x = np.int64(coordinates[i, 0]), np.int64(coordinates[i, 1]), np.int64(coordinates[i, 2])
+        view, y, x = np.int64(places[i, 0]), np.int64(places[i, 1]), np.int64(places[i, 2])
+        eye, pixel = np.int64(coordinates[i, 0]), np.int64(coordinates[i, 1]) * width + np.int64(coordinates[i, 2])
         own = Vector(emission[view, 0, y, x], emission[view, 1, y, x], emission[view, 2, y, x])
         direct_sum, indirect_sum, square_sum = BLACK, BLACK, ZERO
         samples = counts[i]
         if prim[view, 0, y, x] >= 0 and samples > 0:
-            _, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
+            direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, i)
             hit = Hit(ZERO, barycentric[view, 0, y, x], barycentric[view, 1, y, x], np.int64(prim[view, 0, y, x]))
             surface, viewer = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction), scaled(direction, -ONE)
             albedo = albedo_of(world.geometry, surface)
@@ -200,8 +218,8 @@ def trace_listed(
                     albedo,
                     viewer,
                     setting,
-                    y * width + x,
-                    view,
+                    pixel,
+                    eye,
                     sample,
                     Tape(advanced(pointer_to(tape), place), taped),
                 )
@@ -215,6 +233,32 @@ def trace_listed(
         write(direct, view, y, x, scaled(direct_sum, share))
         write(indirect, view, y, x, scaled(indirect_sum, share))
         luminance_squared[view, 0, y, x] = square_sum * share
+
+
+@kernel
+def see_listed(
+    start: Int,
+    stop: Int,
+    nodes: Any,
+    blocks: Any,
+    geometry: GeometryArrays,
+    lights: LightTable,
+    views: Views,
+    jitter_x: Float,
+    jitter_y: Float,
+    prim: Any,
+    coordinates: Any,
+    places: Any,
+    directions: Any,
+    emission: Any,
+) -> None:
+    """Writes what the triangles of the listed pixels start .. stop - 1 emit; arguments as of :func:`trace_listed`."""
+    world = open_world(nodes, blocks, geometry, lights)
+    for i in range(start, stop):
+        view, y, x = np.int64(places[i, 0]), np.int64(places[i, 1]), np.int64(places[i, 2])
+        direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, i)
+        hit = Hit(ZERO, ZERO, ZERO, np.int64(prim[view, 0, y, x]))
+        write(emission, view, y, x, background(world, hit, direction))
 
 
 @kernel
