@@ -97,9 +97,8 @@ def leaf(rng: np.random.Generator, ground: Colour, vein: Colour, size: int = 64)
 def leaf_outline(lobes: float, depth: float, width: float = 0.31, size: int = 64) -> Tensor:
     """Returns the opacity of a leaf: half inside one half of its outline, which interpolates to a smooth edge at 0.5.
 
-    The leaf grows from the image's lower to its upper edge. It is ``width sin(pi t)`` wide to either side of the midrib,
-    less where lobes or teeth, which point forward, are cut into it. A leaf as wide as that has the area of a
-    rhombus with half its width; two thirds of the image's width are enough to hold it between straight lines.
+    The leaf grows from the image's lower edge to its upper. To either side of the midrib it is ``width sin(pi t)^0.9``
+    wide, less where lobes or teeth, which point forward, are cut into it.
 
     Args:
         lobes: Number of lobes or teeth on a side.
