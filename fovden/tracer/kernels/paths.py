@@ -9,7 +9,7 @@ import numpy as np
 from fovden.jit import Float, Int, inlined, kernel
 from fovden.rng import Stream, philox
 from fovden.simd import advanced, load_int32, pointer_to, stack_floats, stack_words
-from fovden.tracer.kernels.bsdf import LAMBERT
+from fovden.tracer.kernels.bsdf import gbuffer_roughness
 from fovden.tracer.kernels.illumination import LightTable, environment_radiance
 from fovden.tracer.kernels.layout import SCRATCH_SIZE, STACK_SIZE
 from fovden.tracer.kernels.path import TAPE, Hit, Setting, Tape, World, open_world, trace, trace_path
@@ -133,7 +133,7 @@ def trace_primary(
                 write(position, view, y, x, surface.position)
                 axis = views.forward[view]
                 depth[view, 0, y, x] = hit.t * dot(direction, Vector(axis[0], axis[1], axis[2]))
-                roughness[view, 0, y, x] = ONE if surface.model == LAMBERT else surface.roughness
+                roughness[view, 0, y, x] = gbuffer_roughness(surface)
             else:
                 write(albedo, view, y, x, BLACK)
                 write(normal, view, y, x, BLACK)
