@@ -30,7 +30,7 @@ __all__ = ["Integrator", "Sampler", "trace_frame"]
 PIXELS_PER_TILE = 1024
 NEVER = 1 << 30
 
-Sampler = Literal["independent"]
+Sampler = Literal["independent", "sobol"]
 """Where a path's random numbers come from, see :mod:`fovden.rng`."""
 
 

@@ -1,4 +1,11 @@
-"""Picks a light, and a point or direction of it, for a shadow ray."""
+"""Picks a light, and a point or direction of it, for a shadow ray.
+
+The sky as an image is sampled in two ways at once. What exceeds the mean radiance is sampled where it is, texel by
+texel; the rest, which comes from everywhere, by the cosine about the normal. A direction's density is that of both
+together, so that the two weigh each other (balance heuristic, one sample), and no direction that lights a surface is
+without a chance. Source of the subtracted mean: O. Karlik et al., "MIS compensation: optimizing sampling techniques in
+multiple importance sampling", ACM Transactions on Graphics 38(6), 2019. A constant sky has nothing above its mean.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +16,7 @@ import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
 from fovden.simd import pointer_to
+from fovden.tracer.kernels.light_tree import LARGEST, chance_of, descend
 from fovden.tracer.kernels.surface import Geometry, Surface, corners_of, origin_above, three
 from fovden.tracer.kernels.vectors import Vector, added, cosine_direction, cross, dot, scaled
 
@@ -22,6 +30,27 @@ GRAZING = np.float32(1e-6)
 """Cosines below this carry no light; it keeps the division by a cosine finite."""
 
 
+class SkyArrays(NamedTuple):
+    """Where the surroundings are brighter than on average. Running sums are multiples of 2^-24, as random numbers are:
+    then the chances are exact."""
+
+    rows: Any  # (h): running sum of the rows' chances
+    columns: Any  # (h, w): running sum of the chances of a row's texels
+    scale: Any  # (h): density per steradian of a texel over its chance in its row
+    cosines: Any  # (h + 1): vertical component of the directions between rows
+    share: Float  # chance of sampling a texel, not the cosine
+
+
+class Sky(NamedTuple):
+    """Pointers to the same."""
+
+    rows: Any
+    columns: Any
+    scale: Any
+    cosines: Any
+    share: Float
+
+
 class LightTable(NamedTuple):
     """The lights of a scene as arrays, one row a light."""
 
@@ -29,11 +58,15 @@ class LightTable(NamedTuple):
     vector: Any  # (n, 3): position, or direction of travel
     colour: Any  # (n, 3): intensity, irradiance or radiance
     prim: Any  # (n): triangle, or -1
-    pmf: Any  # (n): chance of being chosen
-    cdf: Any  # (n): running sum of the chances
+    pmf: Any  # (n): chance of being chosen; in the tree, of choosing the tree
+    cdf: Any  # (n): running sum of the chances; with a tree, of those outside it where it was not chosen
+    tree: Any  # (2 k, NODE): k lights, see ``light_tree``
+    leaf: Any  # (n): node of each light in the tree, or 0
+    tree_share: Float  # chance of choosing the tree; 0 without one
     environment: Any  # (h, w, 3): radiance of the surroundings, (0, 0, 3) without
+    sky: SkyArrays
     first_emitter: Int  # row of the first triangle; the others follow in the order of their emitter numbers
-    sky: Int  # row of the environment, or -1
+    sky_row: Int  # row of the environment, or -1
 
 
 class Lights(NamedTuple):
@@ -46,11 +79,15 @@ class Lights(NamedTuple):
     pmf: Any
     cdf: Any
     size: Int
+    tree: Any
+    leaf: Any
+    tree_share: Float
     environment: Any
     height: Int
     width: Int
+    sky: Sky
     first_emitter: Int
-    sky: Int
+    sky_row: Int
 
 
 @inlined
@@ -64,11 +101,21 @@ def light_pointers(table: LightTable) -> Lights:
         pointer_to(table.pmf),
         pointer_to(table.cdf),
         len(table.cdf),
+        pointer_to(table.tree),
+        pointer_to(table.leaf),
+        table.tree_share,
         pointer_to(table.environment),
         table.environment.shape[0],
         table.environment.shape[1],
+        Sky(
+            pointer_to(table.sky.rows),
+            pointer_to(table.sky.columns),
+            pointer_to(table.sky.scale),
+            pointer_to(table.sky.cosines),
+            table.sky.share,
+        ),
         table.first_emitter,
-        table.sky,
+        table.sky_row,
     )
 
 
@@ -106,12 +153,12 @@ def environment_radiance(lights: Lights, direction: Vector) -> Vector:
 
 
 @inlined
-def choose_light(lights: Lights, xi: Float) -> Int:
-    """First light whose running sum exceeds the random number."""
-    low, high = 0, lights.size - 1
+def first_above(sums: Any, first: Int, size: Int, xi: Float) -> Int:
+    """First of some running sums that exceeds the random number, counted from ``first``; else the last."""
+    low, high = np.int64(0), np.int64(size - 1)
     while low < high:
         middle = (low + high) // 2
-        if xi < lights.cdf[middle]:
+        if xi < sums[first + middle]:
             high = middle
         else:
             low = middle + 1
@@ -119,9 +166,100 @@ def choose_light(lights: Lights, xi: Float) -> Int:
 
 
 @inlined
+def choose_light(lights: Lights, xi: Float) -> Int:
+    """First light whose running sum exceeds the random number."""
+    return first_above(lights.cdf, np.int64(0), lights.size, xi)
+
+
+@inlined
+def pick_light(lights: Lights, surface: Surface, xi: Float) -> tuple[Int, Float]:
+    """Chooses a light for a surface: its row, and its chance."""
+    if lights.tree_share > ZERO:
+        if xi < lights.tree_share:
+            light, chance = descend(lights.tree, surface.position, surface.normal, xi / lights.tree_share)
+            return light, chance * lights.tree_share
+        xi = min(LARGEST, (xi - lights.tree_share) / (ONE - lights.tree_share))
+    light = choose_light(lights, xi)
+    return light, lights.pmf[light]
+
+
+@inlined
+def light_chance(lights: Lights, surface: Surface, light: Int) -> Float:
+    """Chance with which :func:`pick_light` chooses a light."""
+    chance = lights.pmf[light]
+    if lights.tree_share > ZERO and lights.leaf[light] > 0:
+        chance *= chance_of(lights.tree, np.int64(lights.leaf[light]), surface.position, surface.normal)
+    return chance
+
+
+@inlined
+def texel_density(lights: Lights, row: Int, column: Int) -> Float:
+    """Density per steradian within a texel of the part of the surroundings above their mean."""
+    k = row * lights.width + column
+    before = lights.sky.columns[k - 1] if column > 0 else ZERO
+    return lights.sky.scale[row] * (lights.sky.columns[k] - before)
+
+
+@inlined
+def placed(sums: Any, first: Int, i: Int, xi: Float) -> Float:
+    """Where a random number lies between the running sums before and at i, in [0, 1)."""
+    before = sums[first + i - 1] if i > 0 else ZERO
+    return min(LARGEST, max(ZERO, (xi - before) / (sums[first + i] - before)))
+
+
+@kernel
+def sample_texels(lights: Lights, xi_1: Float, xi_2: Float) -> tuple[Vector, Float]:
+    """A direction to the part of the surroundings above their mean, and its density per steradian."""
+    sky, width = lights.sky, lights.width
+    row = first_above(sky.rows, np.int64(0), lights.height, xi_1)
+    column = first_above(sky.columns, row * width, width, xi_2)
+    down = placed(sky.rows, np.int64(0), row, xi_1)
+    across = (np.float32(column) + placed(sky.columns, row * width, column, xi_2)) / np.float32(width)
+    y = sky.cosines[row] + down * (sky.cosines[row + 1] - sky.cosines[row])
+    sine = np.float32(math.sqrt(max(ZERO, (ONE - y) * (ONE + y))))
+    angle = np.float32(2.0) * PI * (across - HALF)
+    direction = Vector(sine * np.float32(math.sin(angle)), y, -sine * np.float32(math.cos(angle)))
+    return direction, texel_density(lights, row, column)
+
+
+@kernel
+def texels_density(lights: Lights, direction: Vector) -> Float:
+    """Density per steradian with which :func:`sample_texels` chooses a direction."""
+    turn = np.float32(math.atan2(direction.x, -direction.z)) / (np.float32(2.0) * PI)
+    tilt = np.float32(math.acos(min(ONE, max(-ONE, direction.y)))) / PI
+    column = min(np.int64((turn + HALF) * np.float32(lights.width)), lights.width - 1)
+    row = min(np.int64(tilt * np.float32(lights.height)), lights.height - 1)
+    return texel_density(lights, row, column)
+
+
+@inlined
+def mixed_density(lights: Lights, surface: Surface, direction: Vector, texels: Float) -> Float:
+    """Density per steradian of a direction to the surroundings, of both ways to sample them."""
+    share = lights.sky.share
+    return (ONE - share) * max(ZERO, dot(surface.normal, direction)) / PI + share * texels
+
+
+@inlined
 def sky_density(lights: Lights, surface: Surface, direction: Vector) -> Float:
     """Density per steradian with which :func:`sample_light` chooses a direction of the surroundings."""
-    return lights.pmf[lights.sky] * max(ZERO, dot(surface.normal, direction)) / PI
+    texels = texels_density(lights, direction) if lights.sky.share > ZERO else ZERO
+    return light_chance(lights, surface, lights.sky_row) * mixed_density(lights, surface, direction, texels)
+
+
+@kernel
+def sample_sky(lights: Lights, surface: Surface, light: Int, chance: Float, xi_1: Float, xi_2: Float) -> LightSample:
+    """One direction to the surroundings."""
+    share, texels = lights.sky.share, ZERO
+    if xi_1 < share:
+        direction, texels = sample_texels(lights, min(LARGEST, xi_1 / share), xi_2)
+    else:
+        direction = cosine_direction(surface.normal, min(LARGEST, (xi_1 - share) / (ONE - share)), xi_2)
+        if share > ZERO:
+            texels = texels_density(lights, direction)
+    density = chance * mixed_density(lights, surface, direction, texels)
+    if dot(surface.normal, direction) < GRAZING or not density > ZERO:
+        return LightSample(direction, ZERO, Vector(ZERO, ZERO, ZERO), ZERO, ZERO, light)
+    return LightSample(direction, INFINITY, environment_radiance(lights, direction), ONE / density, density, light)
 
 
 @inlined
@@ -131,7 +269,7 @@ def emitter_density(
     """Density per steradian with which :func:`sample_light` chooses the point of an emitter that a ray met."""
     _, edge_1, edge_2 = corners_of(geometry, prim)
     facing = -HALF * dot(cross(edge_1, edge_2), direction)  # area times cosine
-    return lights.pmf[lights.first_emitter + emitter] * distance * distance / facing
+    return light_chance(lights, surface, lights.first_emitter + emitter) * distance * distance / facing
 
 
 @kernel
@@ -140,21 +278,16 @@ def sample_light(
 ) -> LightSample:
     """Chooses one light by its chance and one way to it; the scale is zero where no light arrives.
 
-    The reflected light is f * cosine * colour * scale, if nothing lies on the way. A triangle is sampled by area, the
-    environment by the cosine about the normal.
+    The reflected light is f * cosine * colour * scale, if nothing lies on the way. A triangle is sampled by area.
     """
-    light = choose_light(lights, xi_0)
-    kind, chance = lights.kind[light], lights.pmf[light]
+    light, chance = pick_light(lights, surface, xi_0)
+    kind = lights.kind[light]
     colour, place = three(lights.colour, np.int64(3) * light), three(lights.vector, np.int64(3) * light)
     nothing = LightSample(Vector(ZERO, ZERO, ZERO), ZERO, colour, ZERO, ZERO, light)
     if kind == DIRECTIONAL:
         return LightSample(scaled(place, -ONE), INFINITY, colour, ONE / chance, ZERO, light)
     if kind == ENVIRONMENT:
-        direction = cosine_direction(surface.normal, xi_1, xi_2)
-        density = sky_density(lights, surface, direction)
-        if density < GRAZING * chance:
-            return nothing
-        return LightSample(direction, INFINITY, environment_radiance(lights, direction), ONE / density, density, light)
+        return sample_sky(lights, surface, light, chance, xi_1, xi_2)
     area_normal = Vector(ZERO, ZERO, ZERO)
     if kind == TRIANGLE:
         first, edge_1, edge_2 = corners_of(geometry, lights.prim[light])
