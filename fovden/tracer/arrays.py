@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 __all__ = ["LightChoice", "emissive_triangles", "geometry_arrays", "light_table", "view_arrays"]
 
 LightChoice = Literal["uniform", "power", "tree"]
-"""How a path chooses one of the lights: all alike, as in the 2019 and 2023 papers, by their power, or by what they bring
-to the surface at most, with a tree over them. The mean is the same. By power it has less variance where lights differ
-and reach alike; more, where the strongest is mostly hidden. The tree is for many lights; it takes longer for each."""
+"""How a path chooses one of the lights: all alike, as in the 2019 and 2023 papers, by their power, or by what they can
+bring to the surface, with a tree over them. The mean is the same. By power it has less variance where lights differ and
+reach alike; more, where the strongest is mostly hidden. The tree is for many lights, of which each reaches little."""
 
 DEFENSIVE_SHARE = 0.5
 """Share of the choices by power that are made uniformly, so that a light's chance is never below half of the uniform
@@ -165,17 +165,16 @@ def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
         power = scale * shine
         pmf = (1 - DEFENSIVE_SHARE) * power / power.sum() + DEFENSIVE_SHARE * pmf
     elif choice == "tree":
-        placed = ((kind == illumination.POINT) | (kind == illumination.TRIANGLE)).nonzero()[:, 0]
+        outside = (kind == illumination.DIRECTIONAL) | (kind == illumination.ENVIRONMENT)
         corners = vector.double()[:, None].repeat(1, 3, 1)
         corners[listed:] = scene.vertices.detach().double()[scene.faces[prim].long()]
         intensity = shine * torch.where(kind == illumination.TRIANGLE, scale / math.pi, 1.0)
-        nodes, leaf[placed] = build_light_tree(corners[placed], intensity[placed])
+        nodes, leaf = build_light_tree(corners, intensity * ~outside)
         if len(nodes):
-            others = torch.ones_like(pmf).index_fill(0, placed, 0)
-            share = 1 / (1 + float(others.sum()))
-            pmf = torch.where(leaf > 0, share, share * others)
-    outside = torch.where(leaf > 0, 0, pmf)
-    cdf = torch.cumsum(outside / outside.sum().clamp_min(1e-300), 0)
+            share = 1 / (1 + int(outside.sum()))
+            pmf = share * ((leaf > 0) | outside).double()
+    by_sums = pmf * (leaf == 0)
+    cdf = torch.cumsum(by_sums / by_sums.sum().clamp_min(1e-300), 0)
     return LightTable(
         kind=kind.numpy(),
         vector=vector.numpy(),

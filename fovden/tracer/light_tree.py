@@ -70,8 +70,7 @@ def build_light_tree(corners: Tensor, power: Tensor) -> LightTree:
     cones = torch.where(is_point | (normals == 0).all(1), torch.pi, 0.0).double()
     nodes = np.zeros((2 * count, NODE), np.float32)
     found, stack = np.zeros(count, np.int64), np.zeros((count + 1, 3), np.int64)
-    light_tree_build.build(
-        lights.numpy(), cones.numpy(), np.arange(count), stack, nodes, nodes.view(np.int32), found
-    )
+    tables = (lights.numpy(), cones.numpy(), shining.numpy(), np.arange(count))
+    light_tree_build.build(*tables, stack, nodes, nodes.view(np.int32), found)
     leaves[shining] = torch.from_numpy(found).int()
     return LightTree(on_large_pages(torch.from_numpy(nodes)), leaves)

@@ -68,8 +68,11 @@ def sky_arrays(image: Tensor) -> SkyArrays:
     cosines = torch.cos(torch.linspace(0, math.pi, len(rows) + 1, dtype=torch.float64))
     # A row's chance over its solid angle, times the number of texels among which it is divided.
     scale = chances * columns.shape[1] / (2 * math.pi * (cosines[:-1] - cosines[1:]))
-    arrays = (array.float().contiguous().numpy() for array in (rows, columns, scale, cosines))
-    return SkyArrays(*arrays, np.float32(share))
+    return SkyArrays(_array(rows), _array(columns), _array(scale), _array(cosines), np.float32(share))
+
+
+def _array(values: Tensor) -> np.ndarray:
+    return values.float().contiguous().numpy()
 
 
 def _averaged(image: Tensor, axis: int) -> Tensor:

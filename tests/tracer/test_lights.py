@@ -88,7 +88,7 @@ def test_bad_choices_are_refused():
     scene = scene_of([(FLOOR, matt(1))], [EnvironmentLight(1), EnvironmentLight(2)])
     with pytest.raises(ValueError, match="at most one environment"):
         light_table(scene)
-    with pytest.raises(ValueError, match="'uniform' or 'power'"):
+    with pytest.raises(ValueError, match="uniform, power, tree"):
         light_table(scene, "random")
     with pytest.raises(ValueError, match="no light"):
         trace_frame(scene.with_lights([]), view((0, 1.5, 1.5), (0, 0, 0)), 1)

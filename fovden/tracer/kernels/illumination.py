@@ -31,8 +31,10 @@ GRAZING = np.float32(1e-6)
 
 
 class SkyArrays(NamedTuple):
-    """Where the surroundings are brighter than on average. Running sums are multiples of 2^-24, as random numbers are:
-    then the chances are exact."""
+    """Where the surroundings are brighter than on average.
+
+    Running sums are multiples of 2^-24, so that their differences, the chances, are exact in single precision.
+    """
 
     rows: Any  # (h): running sum of the rows' chances
     columns: Any  # (h, w): running sum of the chances of a row's texels
@@ -272,7 +274,7 @@ def emitter_density(
     return light_chance(lights, surface, lights.first_emitter + emitter) * distance * distance / facing
 
 
-@kernel
+@inlined
 def sample_light(
     lights: Lights, geometry: Geometry, surface: Surface, xi_0: Float, xi_1: Float, xi_2: Float
 ) -> LightSample:

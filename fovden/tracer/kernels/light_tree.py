@@ -6,8 +6,9 @@ surface. From the root down one of two children is chosen by importance; the ran
 
 Source: A. Conty Estevez and C. Kulla, "Importance sampling of many lights with adaptive tree splitting", Proceedings of
 the ACM on Computer Graphics 1(2), 2018, with the importance of M. Pharr, W. Jakob and G. Humphreys, "Physically based
-rendering", 4th edition, section 12.6.3. Departures: cosines have a floor, so that a light that may contribute has a
-chance whatever the rounding; within its sphere a node's distance counts as the radius.
+rendering", 4th edition, section 12.6.3. Departures: each child keeps a thousandth, so that no light is without a chance, be it
+for rounding or because a very near lamp, which may be hidden, outweighs it; within its sphere a node's distance counts
+as the radius.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ ROOT = 1
 """The root; children are pairs of an even and the next number, so that siblings differ in the last bit."""
 
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
-FLOOR = np.float32(2.0**-10)
-"""The least cosine that a node counts with. Bounds are exact up to rounding, some 2^-20; a thousandth costs nothing."""
+LEAST = np.float32(2.0**-10)
+"""The least chance of a child where its parent was chosen: over 20 levels it costs at most 2 % of the samples."""
 TINY = np.float32(1e-30)
 """The least squared distance, m^2; powers are shares of at most 1, so that importance stays finite."""
 LARGEST = np.float32(1.0 - 2.0**-24)
@@ -54,7 +55,7 @@ def sine_of(cosine: Float) -> Float:
 
 @kernel
 def importance(tree: Any, node: Int, position: Vector, normal: Vector) -> Float:
-    """How much a node's lights may bring to a surface, up to a factor: positive where they have power."""
+    """How much a node's lights may bring to a surface, up to a factor."""
     k = np.int64(NODE) * node
     towards = added(three(tree, k), position, -ONE)
     square, radius = dot(towards, towards), tree[k + RADIUS]
@@ -68,7 +69,7 @@ def importance(tree: Any, node: Int, position: Vector, normal: Vector) -> Float:
     cosine, _ = reduced(cosine, sine, cosine_s, sine_s)
     at_surface = dot(normal, direction)
     other, _ = reduced(at_surface, sine_of(at_surface), cosine_s, sine_s)
-    return tree[k + POWER] / max(square, TINY) * max(cosine, FLOOR) * max(other, FLOOR)
+    return tree[k + POWER] / max(square, TINY) * max(cosine, ZERO) * max(other, ZERO)
 
 
 @inlined
@@ -76,7 +77,7 @@ def share_of_even(tree: Any, even: Int, position: Vector, normal: Vector) -> Flo
     """Chance of the even one of two siblings to be chosen where their parent was."""
     first, second = importance(tree, even, position, normal), importance(tree, even + 1, position, normal)
     total = first + second
-    return first / total if total > ZERO else HALF
+    return min(ONE - LEAST, max(LEAST, first / total)) if total > ZERO else HALF
 
 
 @kernel

@@ -1,5 +1,4 @@
-"""Builds the tree over lights from the top down: each set is cut in two where the lights on either side lie close
-together and face alike.
+"""Builds the tree over lights from the top down: sets are cut so that lights lie close together and face alike.
 
 The cost of a side is its power times the area of its box times the measure of the directions that it shines into, and
 long boxes are not to be cut along their short sides (surface area orientation heuristic: Conty Estevez and Kulla 2018,
@@ -135,13 +134,14 @@ def write_bounds(tree: Any, lights: Any, cones: Any, order: Any, first: Int, las
 
 
 @kernel
-def build(lights: Any, cones: Any, order: Any, stack: Any, tree: Any, codes: Any, leaves: Any) -> None:
+def build(lights: Any, cones: Any, rows: Any, order: Any, stack: Any, tree: Any, codes: Any, leaves: Any) -> None:
     """Builds the tree.
 
     Args:
         lights: Power, direction times power, lower and upper corner of each light, float64, (n, SUMS); the powers are
             positive.
         cones: Half-angle about its direction in which each light faces: 0 for a triangle, pi for a point, (n).
+        rows: What the tree is to call each light, (n).
         order: The numbers 0 .. n - 1; sorted into leaves on return.
         stack: Room for (first, last, node), int64, (n + 1, 3).
         tree: Receives the nodes, float32, (2 n, NODE); number 0 is unused.
@@ -156,7 +156,7 @@ def build(lights: Any, cones: Any, order: Any, stack: Any, tree: Any, codes: Any
         first, last, node = stack[depth, 0], stack[depth, 1], stack[depth, 2]
         write_bounds(tree, lights, cones, order, first, last, node, whole)
         if last - first == 1:
-            codes[node, CHILD], leaves[order[first]] = ~order[first], node
+            codes[node, CHILD], leaves[order[first]] = ~rows[order[first]], node
             continue
         axis, place = best_cut(lights, order, first, last, whole, bins, sides)
         middle = first

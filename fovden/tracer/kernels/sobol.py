@@ -37,7 +37,7 @@ def reversed_sums() -> np.ndarray:
     A point is the exclusive or of the direction numbers of its index's set bits; four at a time are looked up. The two
     highest bits of an index have none.
     """
-    numbers = torch.quasirandom.SobolEngine(DIMENSIONS).sobolstate.numpy().astype(np.uint64)  # (4, 30) of 30 bits
+    numbers = torch.quasirandom.SobolEngine(DIMENSIONS).sobolstate.numpy()  # type: ignore[no-untyped-call]  # (4, 30)
     table = np.zeros((NIBBLES, 16, DIMENSIONS), np.uint32)
     for dimension in range(DIMENSIONS):
         for bit in range(numbers.shape[1]):
