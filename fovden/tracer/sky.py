@@ -18,7 +18,7 @@ GREATEST_SHARE = 0.75
 LEAST_SHARE = 0.01
 """Below this the image is even enough for the cosine alone."""
 STEPS = 2.0**24
-"""Random numbers are multiples of 1 / STEPS; running sums are rounded to such, and their differences are exact."""
+"""Random numbers are multiples of 1 / STEPS; running sums are rounded to such."""
 
 
 def solid_angles(height: int) -> Tensor:
@@ -35,9 +35,10 @@ def solid_angles(height: int) -> Tensor:
 def sky_arrays(image: Tensor) -> SkyArrays:
     """Returns how :mod:`fovden.tracer.kernels.illumination` samples the surroundings.
 
-    A texel's chance is its solid angle times the luminance there above the image's mean, of the bilinear interpolation
-    averaged over the texel: along each axis 1/8, 3/4 and 1/8 of three texels. So it covers all places that exceed the
-    mean. The share of such samples is that of the light above the mean in all light, at most three quarters.
+    A direction's density is the bilinear interpolation of what exceeds the image's mean luminance, up to a factor:
+    linear around the pole, and in the cosine of the polar angle between two rows, so that a patch's chance is exactly
+    the mean of its corners times its solid angle. The share of such samples is that of the light above the mean in all
+    light, at most three quarters.
 
     Args:
         image: Radiance by row and column, shape (h, w, 3); empty without surroundings.
@@ -54,37 +55,21 @@ def sky_arrays(image: Tensor) -> SkyArrays:
         0.75
     """
     height, width = image.shape[:2]
-    weight = solid_angles(height)[:, None].expand(height, width) / max(width, 1)
-    light = luminance(image.double().permute(2, 0, 1)[None])[0, 0] if image.numel() else weight
-    light = _averaged(_averaged(light, 0), 1)
-    total = (light * weight).sum()
-    excess = (light - total).clamp_min(0) * weight
-    share = min(GREATEST_SHARE, float(excess.sum() / total)) if float(total) > 0 else 0.0
+    light = luminance(image.double().permute(2, 0, 1)[None])[0, 0]
+    mean = float((light.sum(1) * solid_angles(height)).sum()) / max(width, 1)
+    # Rows of patches begin at the upper pole, at the rows' middles, and end at the lower pole.
+    edges = torch.cat([torch.zeros(1), (torch.arange(height) + 0.5) / max(height, 1), torch.ones(1)]).double()
+    cosines = torch.cos(math.pi * edges)
+    corners = (light - mean).clamp_min(0)
+    corners = corners + corners.roll(-1, 1)  # of two columns
+    corners = torch.cat([corners[:1], corners, corners[-1:]])
+    patches = (corners[:-1] + corners[1:]) / 4 * (cosines[:-1] - cosines[1:])[:, None] * 2 * math.pi / max(width, 1)
+    excess = float(patches.sum())
+    share = min(GREATEST_SHARE, excess / (4 * math.pi * mean)) if mean > 0 else 0.0
     if share < LEAST_SHARE:
-        excess, share = weight[:1, :1], 0.0
-    rows = _running_sums(excess.sum(1))
-    columns = _running_sums(excess)
-    chances = torch.diff(rows, prepend=torch.zeros(1, dtype=torch.float64))
-    cosines = torch.cos(torch.linspace(0, math.pi, len(rows) + 1, dtype=torch.float64))
-    # A row's chance over its solid angle, times the number of texels among which it is divided.
-    scale = chances * columns.shape[1] / (2 * math.pi * (cosines[:-1] - cosines[1:]))
-    return SkyArrays(_array(rows), _array(columns), _array(scale), _array(cosines), np.float32(share))
-
-
-def _array(values: Tensor) -> np.ndarray:
-    return values.float().contiguous().numpy()
-
-
-def _averaged(image: Tensor, axis: int) -> Tensor:
-    """Mean over each texel of what is interpolated along an axis: rows end at the poles, columns go around."""
-    size = image.shape[axis]
-    before, after = torch.arange(size) - 1, torch.arange(size) + 1
-    if axis == 0:
-        before, after = before.clamp_min(0), after.clamp_max(size - 1)
-    else:
-        after = after % max(size, 1)
-    neighbours = image.index_select(axis, before % max(size, 1)) + image.index_select(axis, after)
-    return 0.75 * image + 0.125 * neighbours
+        patches, excess, share = torch.ones(1, 1, dtype=torch.float64), 1.0, 0.0
+    sums = (_running_sums(patches.sum(1)), _running_sums(patches), cosines)
+    return SkyArrays(*(array.float().numpy() for array in sums), *map(np.float32, (mean, 1 / excess, share)))
 
 
 def _running_sums(weights: Tensor) -> Tensor:

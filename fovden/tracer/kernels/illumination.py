@@ -1,9 +1,10 @@
 """Picks a light, and a point or direction of it, for a shadow ray.
 
-The sky as an image is sampled in two ways at once. What exceeds the mean radiance is sampled where it is, texel by
-texel; the rest, which comes from everywhere, by the cosine about the normal. A direction's density is that of both
-together, so that the two weigh each other (balance heuristic, one sample), and no direction that lights a surface is
-without a chance. Source of the subtracted mean: O. Karlik et al., "MIS compensation: optimizing sampling techniques in
+The sky as an image is sampled in two ways at once. What exceeds the mean luminance is sampled where it is: a patch
+between four texels' middles by running sums, then a place in it by the bilinear function of its corners. The rest,
+which comes from everywhere, is sampled by the cosine about the normal. A direction's density is that of both together,
+so that the two weigh each other (balance heuristic, one sample), and no direction that lights a surface is without a
+chance. Source of the subtracted mean: O. Karlik et al., "MIS compensation: optimizing sampling techniques in
 multiple importance sampling", ACM Transactions on Graphics 38(6), 2019. A constant sky has nothing above its mean.
 """
 
@@ -18,7 +19,7 @@ from fovden.jit import Float, Int, inlined, kernel
 from fovden.simd import pointer_to
 from fovden.tracer.kernels.light_tree import LARGEST, chance_of, descend
 from fovden.tracer.kernels.surface import Geometry, Surface, corners_of, origin_above, three
-from fovden.tracer.kernels.vectors import Vector, added, cosine_direction, cross, dot, scaled
+from fovden.tracer.kernels.vectors import Vector, added, cosine_direction, cross, dot, luminance, scaled
 
 POINT, DIRECTIONAL, TRIANGLE, ENVIRONMENT = 0, 1, 2, 3
 
@@ -26,6 +27,8 @@ ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 PI, INFINITY = np.float32(math.pi), np.float32(np.inf)
 BEFORE_LIGHT = np.float32(1.0 - 1e-4)
 """A shadow ray ends this fraction of the way to its light, so that an emitter does not shadow itself."""
+SMALLEST = np.float32(1e-30)
+"""Keeps 0 / 0 from being NaN."""
 GRAZING = np.float32(1e-6)
 """Cosines below this carry no light; it keeps the division by a cosine finite."""
 
@@ -33,14 +36,17 @@ GRAZING = np.float32(1e-6)
 class SkyArrays(NamedTuple):
     """Where the surroundings are brighter than on average.
 
-    Running sums are multiples of 2^-24, so that their differences, the chances, are exact in single precision.
+    A patch lies between the middles of two neighbouring columns of texels, around the sphere, and of two rows; the
+    first row of patches begins at the upper pole, where the image continues as its first row is, the last ends at the
+    lower one.
     """
 
-    rows: Any  # (h): running sum of the rows' chances
-    columns: Any  # (h, w): running sum of the chances of a row's texels
-    scale: Any  # (h): density per steradian of a texel over its chance in its row
-    cosines: Any  # (h + 1): vertical component of the directions between rows
-    share: Float  # chance of sampling a texel, not the cosine
+    rows: Any  # (h + 1): running sum of the rows' chances
+    columns: Any  # (h + 1, w): running sum of the chances of a row's patches
+    cosines: Any  # (h + 2): vertical component of the directions between rows of patches
+    mean: Float  # luminance that counts as nothing
+    scale: Float  # from what exceeds it to density per steradian
+    share: Float  # chance of sampling a patch, not the cosine
 
 
 class Sky(NamedTuple):
@@ -48,8 +54,9 @@ class Sky(NamedTuple):
 
     rows: Any
     columns: Any
-    scale: Any
     cosines: Any
+    mean: Float
+    scale: Float
     share: Float
 
 
@@ -112,8 +119,9 @@ def light_pointers(table: LightTable) -> Lights:
         Sky(
             pointer_to(table.sky.rows),
             pointer_to(table.sky.columns),
-            pointer_to(table.sky.scale),
             pointer_to(table.sky.cosines),
+            table.sky.mean,
+            table.sky.scale,
             table.sky.share,
         ),
         table.first_emitter,
@@ -195,11 +203,21 @@ def light_chance(lights: Lights, surface: Surface, light: Int) -> Float:
 
 
 @inlined
-def texel_density(lights: Lights, row: Int, column: Int) -> Float:
-    """Density per steradian within a texel of the part of the surroundings above their mean."""
-    k = row * lights.width + column
-    before = lights.sky.columns[k - 1] if column > 0 else ZERO
-    return lights.sky.scale[row] * (lights.sky.columns[k] - before)
+def excess(lights: Lights, row: Int, column: Int) -> Float:
+    """Luminance of a texel above the mean; rows end at the poles, columns go around."""
+    k = min(max(row, 0), lights.height - 1) * lights.width + (column % lights.width)
+    return max(ZERO, luminance(three(lights.environment, np.int64(3) * k)) - lights.sky.mean)
+
+
+@inlined
+def corners_of_patch(lights: Lights, row: Int, column: Int) -> tuple[Float, Float, Float, Float]:
+    """Luminance above the mean at a patch's corners: upper left and right, lower left and right."""
+    return (
+        excess(lights, row - 1, column),
+        excess(lights, row - 1, column + 1),
+        excess(lights, row, column),
+        excess(lights, row, column + 1),
+    )
 
 
 @inlined
@@ -209,56 +227,71 @@ def placed(sums: Any, first: Int, i: Int, xi: Float) -> Float:
     return min(LARGEST, max(ZERO, (xi - before) / (sums[first + i] - before)))
 
 
+@inlined
+def by_line(xi: Float, a: Float, b: Float) -> Float:
+    """A number in [0, 1) with a density that goes linearly from a to b, up to a factor."""
+    root = np.float32(math.sqrt(a * a + xi * (b * b - a * a)))
+    return min(LARGEST, xi * (a + b) / max(a + root, SMALLEST))
+
+
 @kernel
-def sample_texels(lights: Lights, xi_1: Float, xi_2: Float) -> tuple[Vector, Float]:
+def sample_patches(lights: Lights, xi_1: Float, xi_2: Float) -> tuple[Vector, Float]:
     """A direction to the part of the surroundings above their mean, and its density per steradian."""
     sky, width = lights.sky, lights.width
-    row = first_above(sky.rows, np.int64(0), lights.height, xi_1)
+    row = first_above(sky.rows, np.int64(0), lights.height + 1, xi_1)
     column = first_above(sky.columns, row * width, width, xi_2)
-    down = placed(sky.rows, np.int64(0), row, xi_1)
-    across = (np.float32(column) + placed(sky.columns, row * width, column, xi_2)) / np.float32(width)
+    a, b, c, d = corners_of_patch(lights, row, column)
+    down = by_line(placed(sky.rows, np.int64(0), row, xi_1), a + b, c + d)
+    left, right = a + down * (c - a), b + down * (d - b)
+    across = by_line(placed(sky.columns, row * width, column, xi_2), left, right)
     y = sky.cosines[row] + down * (sky.cosines[row + 1] - sky.cosines[row])
     sine = np.float32(math.sqrt(max(ZERO, (ONE - y) * (ONE + y))))
-    angle = np.float32(2.0) * PI * (across - HALF)
+    angle = np.float32(2.0) * PI * ((np.float32(column) + HALF + across) / np.float32(width) - HALF)
     direction = Vector(sine * np.float32(math.sin(angle)), y, -sine * np.float32(math.cos(angle)))
-    return direction, texel_density(lights, row, column)
+    return direction, sky.scale * (left + across * (right - left))
 
 
 @kernel
-def texels_density(lights: Lights, direction: Vector) -> Float:
-    """Density per steradian with which :func:`sample_texels` chooses a direction."""
+def patches_density(lights: Lights, direction: Vector) -> Float:
+    """Density per steradian with which :func:`sample_patches` chooses a direction."""
+    sky = lights.sky
     turn = np.float32(math.atan2(direction.x, -direction.z)) / (np.float32(2.0) * PI)
     tilt = np.float32(math.acos(min(ONE, max(-ONE, direction.y)))) / PI
-    column = min(np.int64((turn + HALF) * np.float32(lights.width)), lights.width - 1)
-    row = min(np.int64(tilt * np.float32(lights.height)), lights.height - 1)
-    return texel_density(lights, row, column)
+    x = (turn + HALF) * np.float32(lights.width) + np.float32(lights.width) - HALF  # once around, to be positive
+    column = np.int64(x)
+    row = min(np.int64(tilt * np.float32(lights.height) + HALF), lights.height)
+    a, b, c, d = corners_of_patch(lights, row, column)
+    down = (sky.cosines[row] - direction.y) / (sky.cosines[row] - sky.cosines[row + 1])
+    down, across = min(ONE, max(ZERO, down)), x - np.float32(column)
+    left, right = a + down * (c - a), b + down * (d - b)
+    return sky.scale * (left + across * (right - left))
 
 
 @inlined
-def mixed_density(lights: Lights, surface: Surface, direction: Vector, texels: Float) -> Float:
+def mixed_density(lights: Lights, surface: Surface, direction: Vector, patches: Float) -> Float:
     """Density per steradian of a direction to the surroundings, of both ways to sample them."""
     share = lights.sky.share
-    return (ONE - share) * max(ZERO, dot(surface.normal, direction)) / PI + share * texels
+    return (ONE - share) * max(ZERO, dot(surface.normal, direction)) / PI + share * patches
 
 
 @inlined
 def sky_density(lights: Lights, surface: Surface, direction: Vector) -> Float:
     """Density per steradian with which :func:`sample_light` chooses a direction of the surroundings."""
-    texels = texels_density(lights, direction) if lights.sky.share > ZERO else ZERO
-    return light_chance(lights, surface, lights.sky_row) * mixed_density(lights, surface, direction, texels)
+    patches = patches_density(lights, direction) if lights.sky.share > ZERO else ZERO
+    return light_chance(lights, surface, lights.sky_row) * mixed_density(lights, surface, direction, patches)
 
 
 @kernel
 def sample_sky(lights: Lights, surface: Surface, light: Int, chance: Float, xi_1: Float, xi_2: Float) -> LightSample:
     """One direction to the surroundings."""
-    share, texels = lights.sky.share, ZERO
+    share, patches = lights.sky.share, ZERO
     if xi_1 < share:
-        direction, texels = sample_texels(lights, min(LARGEST, xi_1 / share), xi_2)
+        direction, patches = sample_patches(lights, min(LARGEST, xi_1 / share), xi_2)
     else:
         direction = cosine_direction(surface.normal, min(LARGEST, (xi_1 - share) / (ONE - share)), xi_2)
         if share > ZERO:
-            texels = texels_density(lights, direction)
-    density = chance * mixed_density(lights, surface, direction, texels)
+            patches = patches_density(lights, direction)
+    density = chance * mixed_density(lights, surface, direction, patches)
     if dot(surface.normal, direction) < GRAZING or not density > ZERO:
         return LightSample(direction, ZERO, Vector(ZERO, ZERO, ZERO), ZERO, ZERO, light)
     return LightSample(direction, INFINITY, environment_radiance(lights, direction), ONE / density, density, light)

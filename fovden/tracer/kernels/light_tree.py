@@ -6,9 +6,9 @@ surface. From the root down one of two children is chosen by importance; the ran
 
 Source: A. Conty Estevez and C. Kulla, "Importance sampling of many lights with adaptive tree splitting", Proceedings of
 the ACM on Computer Graphics 1(2), 2018, with the importance of M. Pharr, W. Jakob and G. Humphreys, "Physically based
-rendering", 4th edition, section 12.6.3. Departures: each child keeps a thousandth, so that no light is without a chance, be it
-for rounding or because a very near lamp, which may be hidden, outweighs it; within its sphere a node's distance counts
-as the radius.
+rendering", 4th edition, section 12.6.3. Departures: each child keeps a thousandth, so that no light is without a
+chance, be it for rounding or because a very near lamp, which may be hidden, outweighs it; within its sphere a node's
+distance counts as the radius.
 """
 
 from __future__ import annotations
