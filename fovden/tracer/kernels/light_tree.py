@@ -53,7 +53,7 @@ def sine_of(cosine: Float) -> Float:
     return np.float32(math.sqrt(max(ZERO, ONE - cosine * cosine)))
 
 
-@kernel
+@inlined
 def importance(tree: Any, node: Int, position: Vector, normal: Vector) -> Float:
     """How much a node's lights may bring to a surface, up to a factor."""
     k = np.int64(NODE) * node
