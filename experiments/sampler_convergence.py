@@ -42,13 +42,13 @@ class Settings:
 
     Example:
         >>> Settings().octaves
-        10
+        9
     """
 
     scenes: tuple[str, ...] = ("cornell_box", "pink_room", "forest")
     lights: LightChoice = "tree"
-    resolution: tuple[int, int] = (32, 32)
-    octaves: int = 10
+    resolution: tuple[int, int] = (24, 24)
+    octaves: int = 9
     frames: int = 8
 
 
