@@ -151,8 +151,8 @@ def test_numbers_on_the_pages_are_read_from_measurements():
         for directive, folder in re.findall(r"^```\{measured-(\w+)\} (\S+)$", page.read_text(), re.MULTILINE):
             rows = read_metrics(DOCS / folder)
             assert len(rows) > 10
-            key = {"comparison": "view", "rays": "embreex", "flip": "flip-evaluator"}[directive]
-            assert read_config(DOCS / folder)[key]
+            keys = {"comparison": "view", "rays": "embreex", "flip": "flip-evaluator"}
+            assert read_config(DOCS / folder)[keys.get(directive, "scenes")]
             assert (DOCS / folder / "provenance.json").is_file()
 
 
