@@ -55,7 +55,7 @@ def trace_gbuffer(
         camera: The views.
         jitter: Shift (x, y) of all rays in pixels; (0, 0) means pixel centres.
         previous: Scene and camera of the previous frame; ``None`` for none.
-        progress: See :func:`fovden.parallel.run`.
+        progress: See :func:`fovden.parallel.run`; it counts tiles of four by four pixels.
 
     Returns:
         The G-buffer. Its ``motion`` is that of :func:`fovden.tracer.motion.motion_vectors`, or zero without a previous
