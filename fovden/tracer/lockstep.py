@@ -1,9 +1,9 @@
 """Walks the acceleration structure with tensor operations: all rays take their steps together, on any device.
 
-A hundred times slower than the kernels and free of compiled code: the way without Numba, and their oracle. A triangle
-is tested by the same operations in the same order, each rounded by itself, and of hits at the same distance the
-triangle of the lowest number counts. So hits are equal to the bit, in whatever order nodes are visited. Only
-``decoded`` knows what a node and a leaf look like.
+A hundred times slower than the kernels: for devices that they do not reach, and their oracle. A triangle is tested by
+the same operations in the same order, each rounded by itself, and of hits at the same distance the triangle of the
+lowest number counts. So hits are equal to the bit, in whatever order nodes are visited. Only ``decoded`` knows what a
+node and a leaf look like.
 """
 
 from __future__ import annotations
