@@ -58,7 +58,6 @@ from fovden.tracer.kernels.surface import GeometryArrays, geometry_pointers
 from fovden.tracer.kernels.traversal import Accelerator, Scratch, child_of, closest, is_solid, key_of
 from fovden.tracer.kernels.vectors import Vector
 
-ONE = np.float32(1.0)
 SIDE, RAYS = 4, 16
 DIRECTIONS = 0  # rows of sixteen: x, y, z
 SHEARS = 3 * RAYS  # x, y, z
@@ -75,6 +74,19 @@ def _span(builder: Any, tile: Any, axis: int, near: Lanes, far: Lanes) -> tuple[
     """The least distance at which any ray of a tile meets the near bounds of an axis, the greatest for the far ones."""
     least, greatest = number(builder, tile, LEAST + axis), number(builder, tile, GREATEST + axis)
     return minimum(near * least, near * greatest), maximum(far * least, far * greatest) * float(SLACK)
+
+
+def _reduced(builder: Any, lanes: Lanes, choose: Any) -> Any:
+    """The least or greatest of sixteen numbers."""
+    width = RAYS
+    while width > 1:
+        width //= 2
+        halves = []
+        for first in (0, width):
+            order = ir.Constant(ir.VectorType(I32, width), list(range(first, first + width)))
+            halves.append(Lanes(builder, builder.shuffle_vector(lanes.value, lanes.value, order)))
+        lanes = choose(*halves)
+    return builder.extract_element(lanes.value, ir.Constant(I32, 0))
 
 
 @intrinsic
@@ -185,15 +197,7 @@ def keep_found(context: Any, tile: Any, mask: Any, prim: Any) -> Any:
         merged = chosen.select(splat(builder, prim, RAYS), load(builder, tile, PRIM, RAYS, I32))
         pointer = builder.bitcast(tile, I32.as_pointer())
         store(builder, merged, pointer, PRIM)
-        half, width = load(builder, tile, T, RAYS), RAYS
-        while width > 1:
-            width //= 2
-            parts = []
-            for first in (0, width):
-                order = ir.Constant(ir.VectorType(I32, width), list(range(first, first + width)))
-                parts.append(Lanes(builder, builder.shuffle_vector(half.value, half.value, order)))
-            half = maximum(*parts)
-        return builder.extract_element(half.value, ir.Constant(I32, 0))
+        return _reduced(builder, load(builder, tile, T, RAYS), maximum)
 
     return types.float32(FLOATS, types.int32, types.int32), generate
 
@@ -210,40 +214,67 @@ def direction_of(tile: Any, ray: Int) -> Vector:
     return Vector(tile[ray], tile[RAYS + ray], tile[2 * RAYS + ray])
 
 
+@intrinsic
+def measure_directions(context: Any, tile: Any) -> Any:
+    """Writes the least and greatest inverse of each component; returns whether none is tiny, huge or NaN."""
+
+    def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        (tile,) = arguments
+        one = splat(builder, ir.Constant(F32, 1.0), RAYS)
+        usable = one > 0.0
+        for axis in range(3):
+            inverse = one / load(builder, tile, DIRECTIONS + RAYS * axis, RAYS)
+            square = inverse * inverse
+            within = (square > float(FAINT)) & (square < 1.0 / float(FAINT))
+            usable = usable & within
+            for place, choose in ((LEAST, minimum), (GREATEST, maximum)):
+                pointer = builder.gep(tile, [ir.Constant(I64, place + axis)])
+                builder.store(_reduced(builder, inverse, choose), pointer)
+        return builder.icmp_unsigned("==", usable.bits(), ir.Constant(I32, (1 << RAYS) - 1))
+
+    return types.boolean(FLOATS), generate
+
+
+@intrinsic
+def shear_directions(context: Any, tile: Any, x: Any, y: Any, z: Any) -> Any:
+    """Writes shears for the axes at rows x, y, z, and that nothing is met; returns whether z is largest in all."""
+
+    def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        tile, *rows = arguments
+        dx, dy, dz = (load(builder, tile, row, RAYS) for row in rows)
+        zero = splat(builder, ir.Constant(F32, 0.0), RAYS)
+        inverse = splat(builder, ir.Constant(F32, 1.0), RAYS) / dz
+        for row, values in enumerate((dx * inverse, dy * inverse, inverse)):
+            store(builder, values, tile, SHEARS + RAYS * row)
+        for place, value in ((T, float(LARGEST)), (U, 0.0), (V, 0.0)):
+            store(builder, splat(builder, ir.Constant(F32, value), RAYS), tile, place)
+        nothing = splat(builder, ir.Constant(I32, int(NONE)), RAYS)
+        store(builder, nothing, builder.bitcast(tile, I32.as_pointer()), PRIM)
+        ax, ay, az = (maximum(d, zero - d) for d in (dx, dy, dz))
+        return builder.icmp_unsigned("==", ((az > ax) & (az > ay)).bits(), ir.Constant(I32, (1 << RAYS) - 1))
+
+    return types.boolean(FLOATS, types.int64, types.int64, types.int64), generate
+
+
 @inlined
 def prepare_tile(tile: Any, ox: Float, oy: Float, oz: Float) -> bool:
     """Prepares the rays of DIRECTIONS from an origin; returns whether they make a tile."""
-    first = tile[DIRECTIONS], tile[DIRECTIONS + RAYS], tile[DIRECTIONS + 2 * RAYS]
-    ax, ay, az = abs(first[0]), abs(first[1]), abs(first[2])
+    dx, dy, dz = tile[DIRECTIONS], tile[DIRECTIONS + RAYS], tile[DIRECTIONS + 2 * RAYS]
+    ax, ay, az = abs(dx), abs(dy), abs(dz)
     main = np.int64(0) if ax >= ay and ax >= az else (np.int64(1) if ay >= az else np.int64(2))
-    origin = (ox, oy, oz)
+    if not measure_directions(tile):
+        return False
     for axis in range(3):
-        least, greatest = INFINITY, -INFINITY
-        for i in range(RAYS):
-            inverse = ONE / tile[DIRECTIONS + RAYS * axis + i]
-            least, greatest = min(least, inverse), max(greatest, inverse)
-        # Of one sign, and neither zero nor so small or large that something overflows; false for NaN.
-        if not (least * greatest > ZERO and max(abs(least), abs(greatest)) < ONE / FAINT and abs(least) > FAINT):
+        if tile[LEAST + axis] < ZERO < tile[GREATEST + axis]:
             return False
-        tile[LEAST + axis], tile[GREATEST + axis], tile[CENTRE + axis] = least, greatest, origin[axis]
-        store_int32(tile, NEAR_ROWS + axis, np.int32(WIDTH * axis + (UPPER if least < ZERO else 0)))
+        tile[CENTRE + axis] = ox if axis == 0 else (oy if axis == 1 else oz)
+        store_int32(tile, NEAR_ROWS + axis, np.int32(WIDTH * axis + (UPPER if tile[LEAST + axis] < ZERO else 0)))
         turned = (main + 1 + axis) % 3
         tile[PERMUTED + axis] = ox if turned == 0 else (oy if turned == 1 else oz)
         store_int32(tile, VERTEX_ROWS + axis, np.int32(WIDTH * turned))
-    alike = True
-    row_x, row_y, row_z = RAYS * ((main + 1) % 3), RAYS * ((main + 2) % 3), RAYS * main
-    for i in range(RAYS):
-        x, y, z = abs(tile[DIRECTIONS + i]), abs(tile[DIRECTIONS + RAYS + i]), abs(tile[DIRECTIONS + 2 * RAYS + i])
-        own = 0 if x >= y and x >= z else (1 if y >= z else 2)
-        alike = alike and own == main
-        inverse = ONE / tile[DIRECTIONS + row_z + i]
-        tile[SHEARS + i] = tile[DIRECTIONS + row_x + i] * inverse
-        tile[SHEARS + RAYS + i] = tile[DIRECTIONS + row_y + i] * inverse
-        tile[SHEARS + 2 * RAYS + i] = inverse
-        tile[T + i], tile[U + i], tile[V + i] = LARGEST, ZERO, ZERO
-        store_int32(tile, PRIM + i, NONE)
     tile[LIMIT] = LARGEST
-    return alike and is_traceable(ox, oy, oz, first[0], first[1], first[2])
+    alike = shear_directions(tile, RAYS * ((main + 1) % 3), RAYS * ((main + 2) % 3), RAYS * main)
+    return alike and is_traceable(ox, oy, oz, dx, dy, dz)
 
 
 @inlined
