@@ -104,7 +104,7 @@ def closest_hits(
         >>> structure = decoded(*make_scene("cornell_box").bvh)
         >>> ray = torch.tensor([[2.78, 1.0, -8.0]]), torch.tensor([[0.0, 0.0, 1.0]])
         >>> [round(float(x), 3) for x in closest_hits(structure, *ray, torch.tensor([torch.inf]))]
-        [10.98, 0.418, 0.0, 26.0]
+        [9.103, 0.075, 0.531, 25.0]
     """
     holes = None if geometry is None else _Holes.of(GeometryArrays(*geometry), origins.device)
     parts = []
