@@ -21,7 +21,7 @@ from fovden.tracer.scene import Scene
 
 __all__ = ["trace_gbuffer"]
 
-TILES_AT_ONCE = 128  # of four by four pixels
+PIXELS_PER_TILE = 2048
 
 FIELDS = {
     "albedo": 3,
@@ -50,7 +50,7 @@ def trace_gbuffer(
         scene: The scene.
         camera: The views.
         jitter: Shift (x, y) of all rays in pixels; (0, 0) means pixel centres.
-        progress: See :func:`fovden.parallel.run`.
+        progress: See :func:`fovden.parallel.run`; it counts tiles of four by four pixels.
 
     Returns:
         The G-buffer; ``motion`` is zero.
@@ -108,7 +108,7 @@ def _traced(
             np.float32(jitter[1] + 0.5),
             *(tensor.numpy() for tensor in written),
         ),
-        tile=TILES_AT_ONCE,
+        tile=max(1, PIXELS_PER_TILE // SIDE**2),
         progress=progress,
         description="G-buffer",
     )
