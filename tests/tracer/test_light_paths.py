@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import get_args
 
 import pytest
 import torch
@@ -22,6 +23,8 @@ from fovden.tracer import (
     surface_points,
     trace_frame,
 )
+from fovden.tracer.arrays import LightChoice
+from fovden.tracer.integrator import Sampler
 from fovden.tracer.light_paths import environment_at
 
 CAMERA = StereoCamera.look_at((0.2, 0.1, 1.8), (0.0, -0.2, 0.0), fov_y_deg=70, resolution=(16, 20))
@@ -61,7 +64,11 @@ def with_colours(scene, albedo, emission, lights):
 
 @pytest.mark.parametrize(
     "integrator",
-    [Integrator(), Integrator(bounces=4, lights="power", roulette=2), Integrator(bounces=0), Integrator(bounces=2)],
+    [
+        *(Integrator(lights=lights, sampler=get_args(Sampler)[-1]) for lights in get_args(LightChoice)),
+        Integrator(bounces=4, lights="power", roulette=2),
+        Integrator(bounces=0),
+    ],
 )
 def test_the_light_is_what_was_traced(scene, integrator):
     counts = torch.randint(0, 5, (2, 1, 16, 20), generator=generator(4), dtype=torch.int32)
