@@ -24,8 +24,9 @@ def check(scene: Scene, *, with_rays: bool) -> None:
     soundness.check_nothing_is_there_twice(scene)
     if with_rays:
         soundness.check_not_split_needlessly(scene)
-        # Hollows and the inside of foliage take the more triangles the finer they are.
-        soundness.check_nothing_is_buried(scene, near=0.999, far=0.97)
+        # Hollows, the inside of foliage and where things touch take the more triangles the finer they are: a large one
+        # under the foot of a chair sees past it, and of a hundred small ones in its place some lie wholly beneath.
+        soundness.check_nothing_is_buried(scene, near=0.998, far=0.97)
         soundness.check_fronts_are_seen(scene, count=30_000)
         soundness.check_nothing_lies_upon_another(scene, count=100_000)
 

@@ -20,8 +20,8 @@ NEAR, FAR, SHRUBS, FALLEN = 0.48, 0.17, 0.12, 0.05
 """Shares of the triangles for the leaves of the near trees, of the far ones, of the shrubs, and for fallen ones; the
 rest is grass."""
 
-DRAWN = 62_000
-"""Triangles of foliage for which sizes are right; with more or fewer, sizes change so that the wood stays as dense."""
+DRAWN = 60_500
+"""Triangles of foliage for which sizes are right; with more or fewer, sizes change so that leaves cover as much."""
 
 
 def grow_foliage(seed: int, ground: Terrain, wood: Wood, taken: Discs, triangles: int) -> Iterator[tuple[str, Patch]]:
@@ -46,7 +46,7 @@ def grow_foliage(seed: int, ground: Terrain, wood: Wood, taken: Discs, triangles
         >>> sum(patch.triangle_count for _, patch in parts)
         12345
     """
-    growth = float(np.clip((DRAWN / max(triangles, 1)) ** 0.42, 0.3, 3.0))
+    growth = float(np.clip((DRAWN / max(triangles, 1)) ** 0.5, 0.1, 3.0))
     left = triangles
     for name, trees, share, size, surface in (
         ("near leaves", wood.near, NEAR, 0.26, "oak leaf"),
@@ -63,13 +63,13 @@ def grow_foliage(seed: int, ground: Terrain, wood: Wood, taken: Discs, triangles
     count = int(FALLEN * triangles) // LEAF_TRIANGLES
     rng = generator(seed, "fallen leaves")
     places = _fields(rng, count, taken, clumps=0, aside=0.0)
-    yield "dead leaf", fallen_leaves(rng, ground, places, 0.11 * growth**0.5)
+    yield "dead leaf", fallen_leaves(rng, ground, places, 0.11 * growth**0.8)
     left -= LEAF_TRIANGLES * count
     rng = generator(seed, "grass")
     count, single = divmod(left, BLADE_TRIANGLES)
     places = _fields(rng, count + single, taken, clumps=170, aside=0.34)
     if count:
-        yield "grass", blades(rng, ground, places[:count], 0.26 * growth**0.5)
+        yield "grass", blades(rng, ground, places[:count], 0.26 * growth**0.8)
     if single:
         yield "grass", blades(rng, ground, places[count:], 0.16, single=True)
 

@@ -23,6 +23,9 @@ FINEST = (0.16, 0.3, 0.45)
 THINNEST = 0.003
 """Least radius of a limb at its foot, metres."""
 
+SPRIGS = 2.0
+"""Fineness from which twigs bear sprigs: as many leaves as there are then would crowd on the twigs alone."""
+
 CURVE = 12
 """Segments by which a limb's course is known; the surface has as many as the fineness asks for."""
 
@@ -128,7 +131,7 @@ class Tree:
 
     Attributes:
         bark: Trunk and limbs.
-        limbs: Trunk, branches, boughs and twigs; all of them, also those too fine to be made.
+        limbs: Trunk, branches, boughs, twigs, and sprigs if there are any; all of them, also those too fine to be made.
 
     Example:
         >>> Tree(Patch(np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 2)), np.zeros((0, 3))), ()).limbs
@@ -285,7 +288,7 @@ def broadleaf(
     boughs = offshoots(rng, branches, first, span=(0.3, 0.95), lengths=lengths, pitch=0.85, rise=0.0)
     lengths = np.repeat(lengths, second) * rng.uniform(0.4, 0.7, kind.branches * first * second)
     twigs = offshoots(rng, boughs, second, span=(0.3, 1.0), lengths=lengths, pitch=0.8, rise=-0.12)
-    return _tree(bark, (axis, branches, boughs, twigs), kind.sides, kind.steps, detail)
+    return _tree(rng, bark, (axis, branches, boughs, twigs), kind.sides, kind.steps, detail)
 
 
 def shrub(rng: np.random.Generator, foot: Array, height: float, detail: Detail) -> Tree:
@@ -302,19 +305,36 @@ def shrub(rng: np.random.Generator, foot: Array, height: float, detail: Detail) 
     lengths = np.repeat(lengths, 4) * rng.uniform(0.3, 0.5, 36)
     twigs = offshoots(rng, stems, 4, span=(0.25, 1.0), lengths=lengths, pitch=0.8, rise=0.0)
     nothing = Patch(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 3)))
-    return _tree(nothing, (stub, stems, twigs), (3, 3), (3, 1), detail)
+    return _tree(rng, nothing, (stub, stems, twigs), (3, 3), (3, 1), detail)
 
 
 def _tree(
-    bark: Patch, limbs: tuple[Limbs, ...], sides: tuple[int, ...], steps: tuple[int, ...], detail: Detail
+    rng: np.random.Generator,
+    bark: Patch,
+    limbs: tuple[Limbs, ...],
+    sides: tuple[int, ...],
+    steps: tuple[int, ...],
+    detail: Detail,
 ) -> Tree:
-    """The tree of a trunk's bark and of its limbs by order, without those that hang into the trail's free space."""
+    """The tree of a trunk's bark and of its limbs by order, without those that hang into the trail's free space.
+
+    Where the fineness asks for them, sprigs are one order more.
+    """
     kept = [limbs[0], *(order.chosen(_clear_of_trail(order, limbs[0].paths[0, 0, 1])) for order in limbs[1:])]
     pieces = [bark]
     for order, around, along, finest in zip(kept[1:], sides, steps, FINEST[-len(sides) :], strict=True):
         if around and detail.shows(finest) and len(order.paths):
-            made = order.resampled(detail.segments(along, least=min(along, 2)))
+            # A bend is shared among few segments: finer ones would lie in a line.
+            made = order.resampled(detail.at_most(2.5).segments(along, least=min(along, 2)))
             pieces.append(tubes(made.paths, made.radii, detail.segments(around, least=3)))
+    if detail.shows(SPRIGS):
+        each, twigs = detail.segments(2), kept[-1]
+        lengths = rng.uniform(0.15, 0.4, each * len(twigs.paths))
+        sprigs = offshoots(rng, twigs, each, span=(0.15, 1.0), lengths=lengths, pitch=0.8, rise=0.0)
+        kept.append(sprigs.chosen(_clear_of_trail(sprigs, limbs[0].paths[0, 0, 1])))
+        if sides[-1] and len(kept[-1].paths):
+            made = kept[-1].resampled(2)
+            pieces.append(tubes(made.paths, made.radii, 3))
     return Tree(join(pieces), tuple(kept))
 
 

@@ -26,7 +26,7 @@ def fern(rng: np.random.Generator, detail: Detail) -> Patch:
         >>> fern(np.random.default_rng(0), Detail()).triangle_count
         352
     """
-    fronds, pairs = detail.segments(8, least=4), detail.segments(9, least=3)
+    fronds, pairs = detail.at_most(1.5).segments(8, least=4), detail.segments(9, least=3)
     pieces = []
     for i in range(fronds):
         length, lift = rng.uniform(0.62, 0.95), rng.uniform(0.75, 1.15)

@@ -21,7 +21,8 @@ def rose(radius: float, detail: Detail) -> Patch:
         1020
     """
     golden = np.pi * (3 - np.sqrt(5))
-    count = detail.segments(17, least=5)
+    detail = detail.at_most(1.2)  # petals lie closely upon each other
+    count = detail.at_most(1.0).segments(17, least=5)
     rows, columns = detail.segments(9, least=3), detail.segments(6, least=2)
     hidden = detail.segments(4)  # rows that lie within the flower
     i = np.arange(count)[:, None, None]
@@ -66,6 +67,7 @@ def leaves(
         >>> leaves(np.zeros((2, 3)), np.zeros(2), np.zeros(2), np.full(2, 0.1), Detail()).triangle_count
         96
     """
+    detail = detail.at_most(1.8)
     rows = detail.segments(6, least=2)
     t = np.linspace(0, 1, rows + 1)[:, None]
     side = np.linspace(-1, 1, 2 * detail.segments(2) + 1)[None, :]
@@ -116,13 +118,13 @@ def bouquet(
         ],
         axis=1,
     )
-    t = np.linspace(0, 1, detail.segments(6, least=1) + 1)[:, None]
+    t = np.linspace(0, 1, detail.at_most(1.5).segments(6, least=1) + 1)[:, None]
     stems = []
     for place in places:
         bend = np.array([0.12, -0.05, 0.12]) * place
         line = t * place * [1, 1, 1] + np.sin(np.pi * t) * bend + (1 - t) * [0.1 * place[0], -0.02, 0.1 * place[2]]
         stems.append(tube(line, 0.0026, detail.segments(5, least=3)))
-    count = detail.count(7 * blooms, least=3)
+    count = detail.at_most(1.0).count(7 * blooms, least=3)
     which, far = rng.integers(0, blooms, count), rng.uniform(0.35, 0.9, count)
     roots = places[which] * far[:, None]
     facing = np.arctan2(places[which, 0], places[which, 2]) + 0.9 * rng.standard_normal(count)
@@ -149,21 +151,21 @@ def plant(rng: np.random.Generator, height: float, detail: Detail) -> tuple[Patc
         True
     """
     wood, roots, facing = [], [], []
-    t = np.linspace(0, 1, detail.segments(12, least=2) + 1)[:, None]
+    t = np.linspace(0, 1, detail.at_most(1.5).segments(12, least=2) + 1)[:, None]
+    twigs, many = (detail.at_most(1.0).segments(drawn, least=2) for drawn in (9, 13))
     for trunk in range(3):
         lean = 2.1 * trunk + 0.4 * rng.random()
         way = np.array([0.16 * np.sin(lean), 1.0, 0.16 * np.cos(lean)]) * height * (1 - 0.12 * trunk)
         line = t * way + 0.02 * np.sin(7 * t + trunk) * [1, 0, 1] + 0.02 * np.array([np.sin(lean), 0, np.cos(lean)])
         wood.append(tube(line, np.linspace(0.013, 0.006, len(line)), detail.segments(9, least=3)))
-        for k in range(detail.segments(9, least=2)):
-            at = 0.38 + 0.6 * (k + rng.random()) / detail.segments(9, least=2)
+        for k in range(twigs):
+            at = 0.38 + 0.6 * (k + rng.random()) / twigs
             start = np.array([np.interp(at, t[:, 0], line[:, axis]) for axis in range(3)])
             turn = 2.4 * k + trunk + 0.4 * rng.random()
             reach = 0.30 * height * (1.15 - 0.6 * at)
             tip = start + reach * np.array([0.8 * np.sin(turn), 0.55, 0.8 * np.cos(turn)])
             twig = start + t * (tip - start) - 0.1 * reach * np.sin(np.pi * t) * [0, 1, 0]
             wood.append(tube(twig, np.linspace(0.005, 0.0022, len(twig)), detail.segments(5, least=3)))
-            many = detail.segments(13, least=2)
             along = np.linspace(0.2, 1.0, many)[:, None]
             roots.append(start + along * (tip - start) - 0.1 * reach * np.sin(np.pi * along) * [0, 1, 0])
             facing.append(turn + np.where(np.arange(many) % 2, 1.0, -1.0) * rng.uniform(0.4, 1.3, many))

@@ -233,6 +233,7 @@ def cushion(width: float, depth: float, height: float, detail: Detail) -> tuple[
         >>> cloth.vertices[:, 1].max() > 0.14
         np.True_
     """
+    detail = detail.at_most(1.5)  # towards the middle of its top, finer cells would hardly bend
     straight = detail.segments(12) if detail.shows(0.25) else 1
     outline = rounded_rectangle(width, depth, 0.05, straight, detail.segments(4))
     direction = np.gradient(outline, axis=0)

@@ -80,7 +80,7 @@ def _window_wall(rng: np.random.Generator, detail: Detail) -> Pieces:
 def _window_box(rng: np.random.Generator, detail: Detail) -> Pieces:
     """Blossoms outside the window."""
     x0, x1, y0, _ = plan.WINDOW
-    count = detail.count(34, least=3)
+    count = detail.at_most(1.0).count(34, least=3)
     roots = np.stack(
         [
             rng.uniform(x0 + 0.05, x1 - 0.05, count),
@@ -93,7 +93,7 @@ def _window_box(rng: np.random.Generator, detail: Detail) -> Pieces:
         bloom = flowers.rose(0.034, Detail(0.5 * detail.fineness))
         places = roots[k::3]
         yield surface, bloom.placed(places, rng.uniform(0, 6, len(places)), rng.uniform(0.8, 1.2, len(places)))
-    many = detail.count(330, least=6)
+    many = detail.at_most(1.0).count(330, least=6)
     green = np.stack(
         [rng.uniform(x0, x1, many), y0 + rng.uniform(-0.16, 0.05, many), rng.uniform(-0.5, -0.34, many)], axis=1
     )
@@ -203,7 +203,7 @@ def _on_the_table(rng: np.random.Generator, detail: Detail) -> Pieces:
         (0.034, 0.20),
     ]
     yield "porcelain", turned(vase, detail, 44).placed((-0.1, 0, -0.04))
-    places, stems, green = flowers.bouquet(rng, detail.segments(6, least=3), 0.19, 0.20, 0.05, detail)
+    places, stems, green = flowers.bouquet(rng, detail.at_most(1.0).segments(6, least=3), 0.19, 0.20, 0.05, detail)
     yield "stem", stems.placed((-0.1, 0.225, -0.04))
     yield "leaf", green.placed((-0.1, 0.225, -0.04))
     bloom = flowers.rose(0.05, detail)

@@ -151,10 +151,11 @@ def tablecloth(rng: np.random.Generator, radius: float, height: float, detail: D
         >>> bool(0.0 < cloth.vertices[:, 1].min() < 0.03)
         True
     """
+    detail = detail.at_most(1.5)  # the two ends of its flat top would be slivers beyond
     columns = detail.segments(224, least=8) + 1
     around = np.linspace(0, 2 * np.pi, columns)
     around[-1] = 0.0
-    rows = detail.segments(60, least=2)
+    rows = detail.at_most(1.2).segments(60, least=2)
     s = np.linspace(0, 1, rows + 1)[:, None]
     phase = 2 * np.pi * rng.random(3)
     wave = np.sin(13 * around + phase[0] + 0.9 * np.sin(2 * around + phase[1]) + 0.25 * s) + 0.3 * np.sin(

@@ -33,6 +33,7 @@ def shade(low: float, high: float, height: float, pleats: int, detail: Detail) -
         >>> bool(abs(cloth.vertices[:, 1]).max() <= 0.125)
         True
     """
+    detail = detail.at_most(2.0)
     s = np.linspace(0, 1, detail.segments(8, least=1) + 1)[:, None]
     turn = np.linspace(
         0, 2 * np.pi, (pleats * detail.segments(4) if detail.shows(0.4) else detail.segments(48, least=6)) + 1
@@ -147,7 +148,7 @@ def chandelier(drop: float, detail: Detail) -> Iterator[tuple[str, Patch]]:
         turned(canopy, detail, 28),
         _chain(low + 0.35, -0.15, detail),
     ]
-    t = np.linspace(0, 1, detail.segments(26, least=3) + 1)
+    t = np.linspace(0, 1, detail.at_most(1.5).segments(26, least=3) + 1)
     curve = np.stack(
         [0.045 + (reach - 0.045) * t, low + 0.05 - 0.10 * np.sin(1.25 * np.pi * t) + 0.05 * t, 0 * t], axis=1
     )
@@ -187,7 +188,7 @@ def _chain(low: float, high: float, detail: Detail) -> Patch:
 def _glass(arms: int, reach: float, low: float, tip: float, detail: Detail) -> Patch:
     """Swags of beads between the arms and up to the shaft, and faceted drops under the pans."""
     bead = ball(0.0075, detail.segments(5, least=2), detail.segments(7, least=3))
-    t = np.linspace(0, 1, detail.segments(15, least=3) + 2)[1:-1]
+    t = np.linspace(0, 1, detail.at_most(1.0).segments(15, least=3) + 2)[1:-1]
     angle = 2 * np.pi * np.arange(arms) / arms
     step = 2 * np.pi / arms
     swags = []

@@ -75,6 +75,7 @@ def turned(profile: ArrayLike, detail: Detail, segments: int = 20) -> Patch:
         >>> turned([(0.02, 0.0), (0.04, 0.1), (0.02, 0.3)], Detail()).triangle_count
         160
     """
+    detail = detail.at_most(3.0)  # the rows of a rim would become slivers beyond
     points = np.asarray(profile, dtype=float)
     steps = np.diff(points, axis=0)
     before, after = steps[[0, *range(len(steps))]], steps[[*range(len(steps)), -1]]

@@ -122,6 +122,7 @@ def _extruded(profile: Array, width: float, z: float) -> Patch:
 
 def _buttoned_back(width: float, detail: Detail) -> Patch:
     """The back between the arms: cloth drawn in by buttons on a lattice of diamonds, rolled over the top."""
+    detail = detail.at_most(1.8)  # cloth between two buttons is a smooth bulge, which finer cells would not show
     angle = np.linspace(0.0, 0.95 * np.pi, 9)
     roll = np.array([0.125, 0.80]) + 0.085 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     path = np.concatenate([[(0.30, SEAT + 0.09), (0.25, 0.55)], roll, [(0.03, 0.6)]])
@@ -163,6 +164,7 @@ def _buttoned_back(width: float, detail: Detail) -> Patch:
 
 def _arm(detail: Detail) -> tuple[Patch, Patch]:
     """The right arm with its inner face at x = 0, and the piping around its front."""
+    detail = detail.at_most(1.8)
     section = arm_section(detail.segments(28, least=5))
     share = np.linspace(0, 1, detail.segments(24, least=1) + 1)
     z = 0.02 + (DEPTH - 0.02) * share[::-1]
@@ -237,7 +239,7 @@ def scatter_cushion(
         True
     """
     cells = detail.segments(28, least=3)
-    cloth = pillow(size, cells)
+    cloth, detail = pillow(size, cells), detail.at_most(2.0)
     cord = tube(pillow_edge(size, detail.segments(20, least=3)), 0.006, detail.segments(6, least=3))
     c, s, cr, sr = np.cos(lean), np.sin(lean), np.cos(roll), np.sin(roll)
     matrix = np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])

@@ -28,6 +28,7 @@ def basket(radius: float, height: float, detail: Detail) -> Patch:
         >>> bool(basket(0.2, 0.3, Detail(0.3)).vertices[:, 1].min() >= 0.0)
         True
     """
+    detail = detail.at_most(1.4)  # finer pieces would only show that strands touch
     coarse = min(1.0, max(detail.fineness, 0.2))
     stakes = 2 * max(3, round(15 * coarse)) + 1
     rows = max(3, round(22 * coarse))

@@ -146,7 +146,8 @@ def curtains(rng: np.random.Generator, detail: Detail) -> Iterator[tuple[str, Pa
 
 def _panel(rng: np.random.Generator, detail: Detail) -> Patch:
     """The left curtain, its outer edge at x = 0: pleats that run together at the tie and open again below it."""
-    rows, columns = detail.segments(90, least=3) + 1, detail.segments(124, least=4) + 1
+    # Cloth that hangs is nearly straight from top to bottom.
+    rows, columns = detail.at_most(1.2).segments(90, least=3) + 1, detail.at_most(2.0).segments(124, least=4) + 1
     across, y = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0.02, ROD - 0.02, rows), indexing="xy")
     above, below = np.clip((y - TIE) / (ROD - TIE), 0, 1), np.clip((TIE - y) / TIE, 0, 1)
     share = np.where(y > TIE, 0.36 + 0.64 * above**1.5, 0.36 + 0.34 * np.sin(np.pi / 2 * below) ** 1.2)
@@ -187,7 +188,7 @@ def _valance(detail: Detail) -> tuple[Patch, Patch]:
     patch = grid(
         np.stack([reach * u, y, z], axis=-1), smooth=True, uv=np.stack([1.5 * reach * u, -0.3 * down], axis=-1)
     )
-    count = detail.count(150, least=1)
+    count = detail.at_most(1.0).count(150, least=1)
     at = (np.arange(count) + 0.5) / count * 2 - 1
     z = (
         0.185

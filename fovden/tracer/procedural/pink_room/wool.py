@@ -136,7 +136,7 @@ def yarn_ball(rng: np.random.Generator, radius: float, detail: Detail) -> Patch:
     """
     pieces = []
     for drawn, reach, layer in ((8, 1.0, 1.0),):
-        turns = detail.segments(drawn, least=2)
+        turns = detail.at_most(1.0).segments(drawn, least=2)
         pole = rng.standard_normal(3)
         pole /= np.linalg.norm(pole)
         one = np.cross(pole, np.eye(3)[np.argmin(np.abs(pole))])
@@ -229,7 +229,7 @@ def fringe(rng: np.random.Generator, detail: Detail) -> Patch:
         >>> fringe(np.random.default_rng(0), Detail(0.5)).triangle_count > 0
         True
     """
-    count = detail.count(130, least=4)
+    count = detail.at_most(1.0).count(130, least=4)
     x, z = RUG_HALF
     strand = np.array([(0.0, 0.009, 0.0), (0.02, 0.011, 0.0), (0.045, 0.007, 0.0), (0.095, 0.005, 0.0)])
     bend = np.array([[0, 0, 0], [0, 0, 0.002], [0, 0, 0.006], [0, 0, 0.012]])
