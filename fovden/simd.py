@@ -19,12 +19,14 @@ from numba.extending import intrinsic
 
 __all__ = [
     "Lanes",
+    "advanced",
     "bits_of",
     "load",
     "load_int32",
     "maximum",
     "minimum",
     "pointer_to",
+    "prefetch",
     "splat",
     "stack_floats",
     "stack_words",
@@ -228,6 +230,47 @@ def pointer_to(context: Any, array: Any) -> Any:
         return target.make_array(signature.args[0])(target, builder, arguments[0]).data
 
     return types.CPointer(array.dtype)(array), generate
+
+
+@intrinsic
+def advanced(context: Any, pointer: Any, count: Any) -> Any:
+    """Returns a pointer a number of elements further on.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> njit(lambda array: advanced(pointer_to(array), 1)[0])(np.array([1.0, 2.0]))
+        2.0
+    """
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        return builder.gep(arguments[0], [arguments[1]])
+
+    return pointer(pointer, types.int64), generate
+
+
+@intrinsic
+def prefetch(context: Any, pointer: Any, offset: Any) -> Any:
+    """Asks the processor to bring the cache line of an element near; it changes nothing, and returns zero.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> njit(lambda array: prefetch(pointer_to(array), 1))(np.array([1.0, 2.0]))
+        0
+    """
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        byte = ir.IntType(8).as_pointer()
+        place = builder.bitcast(builder.gep(arguments[0], [arguments[1]]), byte)
+        hint = builder.module.declare_intrinsic(
+            "llvm.prefetch", [byte], ir.FunctionType(ir.VoidType(), [byte, *[I32] * 3])
+        )
+        # For reading, into all caches, data.
+        builder.call(hint, [place, *(ir.Constant(I32, number) for number in (0, 3, 1))])
+        return ir.Constant(I32, 0)
+
+    return types.int32(pointer, types.int64), generate
 
 
 def _stack(numba_type: Any, llvm_type: Any) -> Any:

@@ -4,17 +4,21 @@ Tensors outside, compiled kernels inside. Everything random is a function of a s
 on any number of threads.
 """
 
+from fovden.tracer.animation import LightKeyframe, LightPath, Pose, RigidMotion
 from fovden.tracer.bvh import Bvh, Hits, build_bvh, intersect, occluded
+from fovden.tracer.dataset import FrameDataset
 from fovden.tracer.formats.scene_file import SceneFileError
 from fovden.tracer.gbuffer import trace_gbuffer
-from fovden.tracer.integrator import trace_frame
+from fovden.tracer.integrator import Integrator, trace_frame
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, PointLight
 from fovden.tracer.materials import Material, Materials
 from fovden.tracer.meshes import load_scene
+from fovden.tracer.motion import disoccluded
 from fovden.tracer.procedural import make_scene
 from fovden.tracer.reference import CheckpointError, accumulate_reference
 from fovden.tracer.scene import Scene
-from fovden.tracer.trajectory import CameraPath, Keyframe
+from fovden.tracer.sequence import Instant, Sequence
+from fovden.tracer.trajectory import CameraPath, GazeKeyframe, GazePath, Keyframe
 
 __all__ = [
     "Bvh",
@@ -22,15 +26,26 @@ __all__ = [
     "CheckpointError",
     "DirectionalLight",
     "EnvironmentLight",
+    "FrameDataset",
+    "GazeKeyframe",
+    "GazePath",
     "Hits",
+    "Instant",
+    "Integrator",
     "Keyframe",
+    "LightKeyframe",
+    "LightPath",
     "Material",
     "Materials",
     "PointLight",
+    "Pose",
+    "RigidMotion",
     "Scene",
     "SceneFileError",
+    "Sequence",
     "accumulate_reference",
     "build_bvh",
+    "disoccluded",
     "intersect",
     "load_scene",
     "make_scene",

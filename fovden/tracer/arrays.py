@@ -16,13 +16,13 @@ from fovden.memory import on_large_pages
 from fovden.tracer.kernels import illumination
 from fovden.tracer.kernels.illumination import LightTable
 from fovden.tracer.kernels.paths import Views
-from fovden.tracer.kernels.surface import GeometryArrays
+from fovden.tracer.kernels.surface import CUTOFF, EMITTER, FINISH, MATERIAL, NORMALS, RECORD, UV, GeometryArrays
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, PointLight
 
 if TYPE_CHECKING:
     from fovden.tracer.scene import Scene
 
-__all__ = ["LightChoice", "geometry_arrays", "light_table", "view_arrays"]
+__all__ = ["LightChoice", "emissive_triangles", "geometry_arrays", "light_table", "view_arrays"]
 
 LightChoice = Literal["uniform", "power"]
 """How a path chooses one of the lights: all alike, as in the 2019 and 2023 papers, or by their power. The mean is the
@@ -33,36 +33,93 @@ DEFENSIVE_SHARE = 0.5
 one (defensive mixture, Hesterberg 1995). Power alone starves the lamp of a court whose sun falls on few places."""
 
 
-def geometry_arrays(scene: Scene) -> GeometryArrays:
+def emissive_triangles(scene: Scene) -> Tensor:
+    """Returns the numbers of the triangles that shine: of emissive material, and with an area.
+
+    Example:
+        >>> from fovden.tracer import make_scene
+        >>> len(emissive_triangles(make_scene("cornell_box")))
+        2
+    """
+    shines = scene.materials.emission.detach().amax(1) > 0
+    if not bool(shines.any()):
+        return torch.zeros(0, dtype=torch.int64)
+    return (shines[scene.material_ids.long()] & (scene.triangle_areas > 0)).nonzero()[:, 0]
+
+
+def geometry_arrays(scene: Scene, alike: GeometryArrays | None = None, changed: Tensor | None = None) -> GeometryArrays:
     """Returns the triangles, materials and textures of a scene.
+
+    Args:
+        scene: The scene.
+        alike: Those of a scene that differs in the places of vertices alone, to share what does not depend on them;
+            ``None`` for none.
+        changed: Numbers of the triangles in which it differs.
+
+    Returns:
+        The arrays.
 
     Example:
         >>> from fovden.tracer import make_scene
         >>> geometry_arrays(make_scene("cornell_box")).srgb.shape
         (256,)
     """
+    if alike is not None:
+        before = torch.from_numpy(alike.triangles)
+        triangles = on_large_pages(before)
+        triangles = triangles.clone() if triangles.data_ptr() == before.data_ptr() else triangles
+        _write_triangles(triangles, scene, changed)
+        return alike._replace(triangles=triangles.numpy())
+    triangles = torch.zeros(scene.triangle_count, RECORD)
+    _write_triangles(triangles, scene)
     materials = scene.materials
-    images = [image.reshape(-1, 3) for image in materials.textures]
-    sizes = torch.tensor([tuple(image.shape[:2]) for image in materials.textures], dtype=torch.int64).reshape(-1, 2)
-    first = torch.cumsum(sizes[:, 0] * sizes[:, 1], 0) - sizes[:, 0] * sizes[:, 1]
-    texels = torch.cat(images) if images else torch.zeros(1, 3, dtype=torch.uint8)
-    assert scene.normals is not None  # filled in by Scene, like uv
-    assert scene.uv is not None
+    images = [*map(_packed, materials.textures), *map(_packed, materials.surfaces), *map(_packed, materials.opacities)]
+    sizes = torch.tensor([tuple(image.shape) for image in images], dtype=torch.int64).reshape(-1, 2)
+    count = sizes[:, 0] * sizes[:, 1]
+    links = [materials.texture, _moved(materials.surface, len(materials.textures))]
+    links.append(_moved(materials.opacity, len(materials.textures) + len(materials.surfaces)))
+    finishes = torch.zeros(len(materials.names), FINISH)
+    columns = (materials.albedo, materials.emission, materials.roughness, materials.metallic, materials.cutoff)
+    finishes[:, : CUTOFF + 1] = torch.cat([column.detach().reshape(len(finishes), -1) for column in columns], 1)
     return GeometryArrays(
-        vertices=on_large_pages(scene.vertices).numpy(),
-        faces=on_large_pages(scene.faces).numpy(),
-        normals=on_large_pages(scene.normals).numpy(),
-        uv=on_large_pages(scene.uv).numpy(),
-        material_ids=scene.material_ids.numpy(),
-        albedo=materials.albedo.numpy(),
-        emission=materials.emission.numpy(),
-        texture=materials.texture.numpy(),
-        texels=on_large_pages(texels).numpy(),
-        texture_first=first.numpy(),
-        texture_height=sizes[:, 0].contiguous().numpy(),
-        texture_width=sizes[:, 1].contiguous().numpy(),
+        triangles=on_large_pages(triangles).numpy(),
+        finishes=finishes.numpy(),
+        links=torch.stack([materials.model, *links], 1).to(torch.int32).contiguous().numpy(),
+        texels=on_large_pages(torch.cat([image.flatten() for image in images] or [torch.zeros(1, dtype=torch.int32)]))
+        .numpy()
+        .view(np.uint32),
+        images=torch.stack([torch.cumsum(count, 0) - count, *sizes.unbind(1)], 1).numpy(),
         srgb=srgb_to_linear(torch.arange(256) / 255).numpy(),
     )
+
+
+def _write_triangles(records: Tensor, scene: Scene, changed: Tensor | None = None) -> None:
+    """Writes all triangles, or those that changed, as :mod:`fovden.tracer.kernels.surface` reads them, (m, 32)."""
+    chosen = slice(None) if changed is None else changed
+    faces = scene.faces[chosen].long()
+    part = records if changed is None else torch.zeros(len(faces), RECORD)
+    for start, values in ((0, scene.vertices), (NORMALS, scene.normals), (UV, scene.uv)):
+        width = values.shape[1]
+        for corner in range(3):
+            first = start + corner * width
+            part[:, first : first + width] = values.detach()[faces[:, corner]]
+    if changed is not None:
+        records[changed] = part
+    numbers = records.view(torch.int32)
+    numbers[:, MATERIAL], numbers[:, EMITTER] = scene.material_ids, -1
+    emissive = emissive_triangles(scene)
+    numbers[emissive, EMITTER] = torch.arange(len(emissive), dtype=torch.int32)
+
+
+def _packed(image: Tensor) -> Tensor:
+    """A uint8 image with its channels in one int32 per texel, the first in the lowest byte, shape (h, w)."""
+    channels = image.to(torch.int32).reshape(*image.shape[:2], -1).unbind(2)
+    return sum((channel << 8 * i for i, channel in enumerate(channels)), torch.zeros_like(channels[0]))
+
+
+def _moved(index: Tensor, count: int) -> Tensor:
+    """Indices into a list that follows another of ``count`` entries; -1 stays."""
+    return torch.where(index >= 0, index + count, index)
 
 
 def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
@@ -110,12 +167,11 @@ def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
             vectors.append((0.0, 0.0, 0.0))
             colours.append(_mean_over_sphere(surroundings))
             scales.append(math.pi * disc)
-    emission = scene.materials.emission[scene.material_ids.long()]
-    area = scene.triangle_areas
-    prim = ((emission.amax(1) > 0) & (area > 0)).nonzero()[:, 0]
+    prim = emissive_triangles(scene)
+    emission = scene.materials.emission.detach()[scene.material_ids[prim].long()]
     listed = len(kinds)
-    colour = torch.cat([torch.tensor(colours, dtype=torch.float32).reshape(-1, 3), emission[prim]])
-    scale = torch.cat([torch.tensor(scales, dtype=torch.float64), math.pi * area[prim]])
+    colour = torch.cat([torch.tensor(colours, dtype=torch.float32).reshape(-1, 3), emission])
+    scale = torch.cat([torch.tensor(scales, dtype=torch.float64), math.pi * scene.triangle_areas[prim]])
     weight = torch.ones_like(scale)
     if choice == "power":
         weight = scale * luminance(colour.double()[None, :, :, None].transpose(1, 2))[0, 0, :, 0]
@@ -134,6 +190,8 @@ def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
         pmf=pmf.float().numpy(),
         cdf=cdf.float().numpy(),
         environment=surroundings.numpy(),
+        first_emitter=listed,
+        sky=kinds.index(illumination.ENVIRONMENT) if surroundings.numel() else -1,
     )
 
 

@@ -7,7 +7,7 @@ vertex (:mod:`fovden.tracer.kernels.triangles`).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -15,13 +15,14 @@ from torch import Tensor
 from fovden import parallel
 from fovden.checks import require, require_shapes
 from fovden.memory import on_large_pages
-from fovden.tracer.kernels import build, traversal
+from fovden.tracer.kernels import build, refit, traversal
 from fovden.tracer.kernels.layout import BLOCK_SIZE, NODE_SIZE, WIDTH
 
-__all__ = ["Bvh", "Hits", "build_bvh", "intersect", "occluded"]
+__all__ = ["Bvh", "Hits", "Tree", "build_bvh", "build_tree", "intersect", "occluded", "refit_bvh"]
 
 RAYS_PER_TILE = 4096
 TRIANGLES_PER_TILE = 1 << 16
+DEARER = 1.1  # times the expected cost of rays: from there on a tree is built anew for triangles that have moved
 
 
 class Bvh(NamedTuple):
@@ -68,20 +69,104 @@ def build_bvh(vertices: Tensor, faces: Tensor) -> Bvh:
     require_shapes("n 3", vertices=vertices)
     count = require_shapes("m 3", faces=faces)["m"]
     require(count > 0, "faces", tuple(faces.shape), "at least one triangle")
-    corners = vertices.detach().to(torch.float32).contiguous().numpy()
-    triangles = faces.to(torch.int32).contiguous().numpy()
-    boxes = torch.empty(count, 6).numpy()
-    parallel.run(build.triangle_boxes, count, (corners, triangles, boxes), tile=TRIANGLES_PER_TILE)
-    order = torch.arange(count, dtype=torch.int32).numpy()
-    node_boxes = torch.empty(2 * count, 6).numpy()
-    left, first, size = (torch.zeros(2 * count, dtype=torch.int32).numpy() for _ in range(3))
-    used = build.build_binary(boxes, order, node_boxes, left, first, size)
+    return _packed(build_tree(vertices, faces), vertices, faces)
+
+
+class Tree(NamedTuple):
+    """Which triangles lie together, apart from where they are: what is kept to fit a structure to moved triangles.
+
+    NumPy arrays; see ``fovden/tracer/kernels/build.py`` for all but the number of leaf blocks.
+    """
+
+    node_boxes: Any
+    left: Any
+    first: Any
+    count: Any
+    order: Any
+    children_of: Any
+    parents: Any
+    blocks: int
+
+
+def build_tree(vertices: Tensor, faces: Tensor) -> Tree:
+    """Returns the tree of a triangle mesh: what takes most of the time of :func:`fovden.tracer.build_bvh`.
+
+    Args:
+        vertices: Positions, float32, finite, shape (n, 3).
+        faces: Vertex numbers, int32, shape (m, 3), m >= 1.
+
+    Returns:
+        The tree.
+
+    Example:
+        >>> vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        >>> build_tree(vertices, torch.tensor([[0, 1, 2]])).order
+        array([0], dtype=int32)
+    """
+    boxes = _triangle_boxes(vertices, faces)
+    order = torch.arange(len(boxes), dtype=torch.int32).numpy()
+    node_boxes = torch.empty(2 * len(boxes), 6).numpy()
+    left, first, count = (torch.zeros(2 * len(boxes), dtype=torch.int32).numpy() for _ in range(3))
+    used = build.build_binary(boxes, order, node_boxes, left, first, count)
+    node_boxes, left, first, count = (each[:used].copy() for each in (node_boxes, left, first, count))
     children_of = torch.empty(used, WIDTH, dtype=torch.int32).numpy()
     parents = torch.empty(used, dtype=torch.int64).numpy()
-    wide, leaves = build.collapse(node_boxes, left, size, children_of, parents)
-    nodes, blocks = torch.zeros(wide, NODE_SIZE), torch.empty(leaves, BLOCK_SIZE)
+    wide, blocks = build.collapse(node_boxes, left, count, children_of, parents)
+    return Tree(node_boxes, left, first, count, order, children_of[:wide].copy(), parents[:wide].copy(), blocks)
+
+
+def refit_bvh(tree: Tree, vertices: Tensor, faces: Tensor) -> Bvh:
+    """Returns the acceleration structure of triangles that have moved since their tree was built.
+
+    The tree stays and its boxes are fitted to the triangles anew, unless that makes rays dearer: where the surface area
+    heuristic of the whole tree rises by more than a tenth, the tree is built anew. Hits are the same either way.
+
+    Args:
+        tree: The tree of the same triangles in other places.
+        vertices: Positions, float32, finite, shape (n, 3).
+        faces: Vertex numbers, int32, shape (m, 3).
+
+    Returns:
+        The structure: a function of the arguments, to the bit.
+
+    Source: Lauterbach et al., "RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs" (2006), which builds
+    anew where a measure of the tree's quality falls; the measure is ours.
+
+    Example:
+        >>> vertices, faces = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]])
+        >>> moved = refit_bvh(build_tree(vertices, faces), vertices + 5, faces)
+        >>> intersect(moved, torch.tensor([[5.25, 5.25, 0.0]]), torch.tensor([[0.0, 0.0, 1.0]])).t
+        tensor([5.])
+    """
+    used = len(tree.node_boxes)
+    node_boxes = torch.empty(used, 6).numpy()
+    boxes = _triangle_boxes(vertices, faces)
+    refit.refit(boxes, tree.order, node_boxes, tree.left, tree.first, tree.count, used)
+    before, after = (refit.cost_of(each, tree.count, used) for each in (tree.node_boxes, node_boxes))
+    if not after <= DEARER * before:
+        return build_bvh(vertices, faces)
+    return _packed(tree._replace(node_boxes=node_boxes), vertices, faces)
+
+
+def _triangle_boxes(vertices: Tensor, faces: Tensor) -> Any:
+    """The triangles' bounds, shape (m, 6)."""
+    boxes = torch.empty(len(faces), 6).numpy()
+    arguments = (*_mesh_arrays(vertices, faces), boxes)
+    parallel.run(build.triangle_boxes, len(boxes), arguments, tile=TRIANGLES_PER_TILE)
+    return boxes
+
+
+def _mesh_arrays(vertices: Tensor, faces: Tensor) -> tuple[Any, Any]:
+    """The mesh as the kernels read it."""
+    return vertices.detach().to(torch.float32).contiguous().numpy(), faces.to(torch.int32).contiguous().numpy()
+
+
+def _packed(tree: Tree, vertices: Tensor, faces: Tensor) -> Bvh:
+    """Nodes and leaf blocks as rays read them."""
+    nodes, blocks = torch.zeros(len(tree.parents), NODE_SIZE), torch.empty(tree.blocks, BLOCK_SIZE)
     arrays = (nodes.numpy(), nodes.view(torch.int32).numpy(), blocks.numpy(), blocks.view(torch.int32).numpy())
-    build.pack(node_boxes, first, size, order, children_of, parents, corners, triangles, *arrays)
+    branches = (tree.node_boxes, tree.first, tree.count, tree.order, tree.children_of, tree.parents)
+    build.pack(*branches, *_mesh_arrays(vertices, faces), *arrays)
     return Bvh(on_large_pages(nodes), on_large_pages(blocks))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -12,7 +14,9 @@ from fovden.checks import require_number
 from fovden.frame import GBuffer
 from fovden.tracer.arrays import view_arrays
 from fovden.tracer.kernels import paths
+from fovden.tracer.motion import motion_vectors
 from fovden.tracer.scene import Scene
+from fovden.tracer.sequence import Instant
 
 __all__ = ["trace_gbuffer"]
 
@@ -24,6 +28,7 @@ def trace_gbuffer(
     camera: Camera | StereoCamera,
     *,
     jitter: tuple[float, float] = (0.0, 0.0),
+    previous: Instant | None = None,
     progress: parallel.Progress = None,
 ) -> GBuffer:
     """Returns the geometry that every pixel of every view sees. The scene needs no light.
@@ -32,10 +37,12 @@ def trace_gbuffer(
         scene: The scene.
         camera: The views.
         jitter: Shift (x, y) of all rays in pixels; (0, 0) means pixel centres.
+        previous: Scene and camera of the previous frame; ``None`` for none.
         progress: See :func:`fovden.parallel.run`.
 
     Returns:
-        The G-buffer; ``motion`` is zero.
+        The G-buffer. Its ``motion`` is that of :func:`fovden.tracer.motion.motion_vectors`, or zero without a previous
+        frame.
 
     Raises:
         ValueError: If ``jitter`` is not two finite numbers.
@@ -48,11 +55,15 @@ def trace_gbuffer(
         >>> trace_gbuffer(scene, scene.camera.at(resolution=(16, 16))).depth.amin() > 7
         tensor(True)
     """
-    return trace_visible(scene, camera, jitter, progress)[0]
+    return trace_visible(scene, camera, jitter, previous, progress)[0]
 
 
 def trace_visible(
-    scene: Scene, camera: Camera | StereoCamera, jitter: tuple[float, float], progress: parallel.Progress = None
+    scene: Scene,
+    camera: Camera | StereoCamera,
+    jitter: tuple[float, float],
+    previous: Instant | None = None,
+    progress: parallel.Progress = None,
 ) -> tuple[GBuffer, Tensor]:
     """Returns the G-buffer, and the radiance that each pixel's surface or surroundings emit, (v, 3, h, w)."""
     jitter_x, jitter_y = (require_number("jitter", shift) for shift in jitter)
@@ -63,9 +74,9 @@ def trace_visible(
     def image(channels: int) -> Tensor:
         return torch.empty(count, channels, height, width)
 
-    albedo, normal, position, depth, emission = image(3), image(3), image(3), image(1), image(3)
+    albedo, normal, position, depth, roughness, emission = image(3), image(3), image(3), image(1), image(1), image(3)
     prim, barycentric = torch.empty(count, 1, height, width, dtype=torch.int32), image(2)
-    written = (albedo, normal, position, depth, prim, barycentric, emission)
+    written = (albedo, normal, position, depth, roughness, prim, barycentric, emission)
     parallel.run(
         paths.trace_primary,
         count * height * width,
@@ -80,6 +91,8 @@ def trace_visible(
         progress=progress,
         description="G-buffer",
     )
-    roughness = (prim >= 0).float()
     motion = torch.zeros(count, 2, height, width)
-    return GBuffer(albedo, normal, position, depth, roughness, motion, prim, barycentric), emission
+    gbuffer = GBuffer(albedo, normal, position, depth, roughness, motion, prim, barycentric)
+    if previous is not None:
+        gbuffer = replace(gbuffer, motion=motion_vectors(gbuffer, scene, views, previous, jitter=(jitter_x, jitter_y)))
+    return gbuffer, emission

@@ -1,11 +1,14 @@
 """Noisy frames: a G-buffer prepass over every pixel, then paths from the pixels that a sample map lists.
 
-A path casts one shadow ray to a random light from the surface that the pixel shows, bounces once with the cosine
-density, and casts one shadow ray there: the setting of the 2023 paper (section 3.4), and of a path tracer with a
-maximal depth of three. Surfaces are Lambertian and scatter on both sides; emission leaves on the geometric normal's.
+A path casts one shadow ray to a random light from the surface that the pixel shows, bounces once, and casts one shadow
+ray there: the setting of the 2023 paper (section 3.4), and of a path tracer with a maximal depth of three. Surfaces
+scatter on both sides; emission leaves on the geometric normal's.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -19,11 +22,62 @@ from fovden.rng import Stream
 from fovden.tracer.arrays import LightChoice, view_arrays
 from fovden.tracer.gbuffer import trace_visible
 from fovden.tracer.kernels import paths
+from fovden.tracer.kernels.path import TAPE, Setting
 from fovden.tracer.scene import Scene
+from fovden.tracer.sequence import Instant
 
-__all__ = ["trace_frame"]
+__all__ = ["Integrator", "Sampler", "trace_frame"]
 
 PIXELS_PER_TILE = 1024
+NEVER = 1 << 30
+
+Sampler = Literal["independent"]
+"""Where a path's random numbers come from, see :mod:`fovden.rng`."""
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """How paths are made.
+
+    Attributes:
+        bounces: How often a path goes on after the first surface, at least 0. One is the papers' setting; Mitsuba's
+            ``max_depth`` is larger by two.
+        lights: How each surface chooses a light; the mean does not depend on it. ``"uniform"`` is the papers'.
+        sampler: Where random numbers come from.
+        roulette: Number of the bounce from which a path may end at random, with the chance that it no longer matters
+            (Russian roulette); ``None`` for never. The mean does not depend on it.
+
+    Example:
+        >>> Integrator(bounces=4, roulette=3)
+        Integrator(bounces=4, lights='uniform', sampler='independent', roulette=3)
+    """
+
+    bounces: int = 1
+    lights: LightChoice = "uniform"
+    sampler: Sampler = "independent"
+    roulette: int | None = None
+
+    def __post_init__(self) -> None:
+        require_integer("bounces", self.bounces, minimum=0)
+        if self.roulette is not None:
+            require_integer("roulette", self.roulette, minimum=1)
+        for name, known in (("lights", get_args(LightChoice)), ("sampler", get_args(Sampler))):
+            value = getattr(self, name)
+            require(value in known, name, value, f"one of {', '.join(known)}")
+
+    def setting(self, seed: int, stream: Stream) -> Setting:
+        """Returns the same as the kernels read it.
+
+        Example:
+            >>> Integrator().setting(7, Stream.PATH).bounces
+            1
+        """
+        roulette = NEVER if self.roulette is None else self.roulette
+        return Setting(seed, int(stream), get_args(Sampler).index(self.sampler), self.bounces, roulette)
+
+
+PAPERS = Integrator()
+"""How the 2019 and 2023 papers make paths."""
 
 
 def trace_frame(
@@ -34,7 +88,8 @@ def trace_frame(
     seed: int = 0,
     index: int = 0,
     jitter: tuple[float, float] = (0.0, 0.0),
-    lights: LightChoice = "uniform",
+    previous: Instant | None = None,
+    integrator: Integrator = PAPERS,
     progress: parallel.Progress = None,
 ) -> Frame:
     """Returns a noisy frame: all views in one dispatch for the G-buffer and one for the paths.
@@ -49,7 +104,8 @@ def trace_frame(
         seed: Seed of the random numbers, 0 to 2^32 - 1.
         index: Number of the frame in its sequence, kept in the record.
         jitter: Shift (x, y) of the whole frame in pixels; (0, 0) means that rays pass through pixel centres.
-        lights: How each path chooses a light, ``"uniform"`` (the papers') or ``"power"``.
+        previous: Scene and camera of the previous frame, from which ``gbuffer.motion`` follows; ``None`` for none.
+        integrator: How paths are made; by default as in the papers.
         progress: See :func:`fovden.parallel.run`.
 
     Returns:
@@ -87,7 +143,7 @@ def trace_frame(
         counts = torch.full(shape, samples, dtype=torch.int32)
         layer, gaze = torch.zeros(shape, dtype=torch.int32), None
         coordinates = counts[:, 0].nonzero().to(torch.int32)
-    gbuffer, emission = trace_visible(scene, views, jitter)
+    gbuffer, emission = trace_visible(scene, views, jitter, previous)
     direct, indirect = torch.zeros(views.view_count, 3, height, width), torch.zeros(views.view_count, 3, height, width)
     luminance_squared = torch.zeros(shape)
     listed = coordinates.long()
@@ -95,7 +151,7 @@ def trace_frame(
         paths.trace_listed,
         len(coordinates),
         (
-            *scene.kernel_arrays(lights),
+            *scene.kernel_arrays(integrator.lights),
             view_arrays(views),
             np.float32(jitter[0] + 0.5),
             np.float32(jitter[1] + 0.5),
@@ -104,11 +160,12 @@ def trace_frame(
             emission.numpy(),
             coordinates.contiguous().numpy(),
             counts[listed[:, 0], 0, listed[:, 1], listed[:, 2]].contiguous().numpy(),
-            seed,
-            int(Stream.PATH),
+            integrator.setting(seed, Stream.PATH),
             direct.numpy(),
             indirect.numpy(),
             luminance_squared.numpy(),
+            torch.zeros(0, integrator.bounces + 1, TAPE).numpy(),
+            torch.zeros(1, dtype=torch.int64).numpy(),
         ),
         tile=PIXELS_PER_TILE,
         progress=progress,

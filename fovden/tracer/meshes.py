@@ -99,13 +99,16 @@ def load_scene(
         materials = [parts.material(int(index)) for index in values[order]]
         ids = np.argsort(order)[ids]
         _require_reflectance(path, materials)
+        given: dict[str, Any] = {
+            "normals": None if parts.normals is None else torch.from_numpy(_unit(parts.normals)),
+            "uv": _texture_coordinates(path, parts, faces, ids, materials),
+        }
         return Scene(
             vertices=torch.from_numpy(parts.vertices.astype(np.float32)),
             faces=torch.from_numpy(faces.astype(np.int32)),
             material_ids=torch.from_numpy(ids.astype(np.int32)),
             materials=Materials.of(materials),
-            normals=None if parts.normals is None else torch.from_numpy(_unit(parts.normals)),
-            uv=_texture_coordinates(path, parts, faces, ids, materials),
+            **{name: value for name, value in given.items() if value is not None},
             lights=(*parts.lights, *lights),
             camera=camera if camera is not None else parts.camera,
             views=parts.views,

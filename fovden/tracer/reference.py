@@ -24,8 +24,8 @@ from fovden.checks import require, require_integer
 from fovden.frame import Reference
 from fovden.io.files import atomic_write
 from fovden.rng import Stream
-from fovden.tracer.arrays import LightChoice, view_arrays
-from fovden.tracer.integrator import require_light
+from fovden.tracer.arrays import view_arrays
+from fovden.tracer.integrator import Integrator, require_light
 from fovden.tracer.kernels import paths
 from fovden.tracer.scene import Scene
 
@@ -34,6 +34,9 @@ __all__ = ["CheckpointError", "accumulate_reference"]
 PIXELS_PER_TILE = 256  # at most
 SECONDS_PER_TILE = 0.1  # an interruption waits for the tiles that are being worked on
 SECONDS_PER_PASS = 15.0  # a pass is what an interruption costs; each pass traces the camera rays once more
+
+
+BY_POWER = Integrator(lights="power")
 
 
 class CheckpointError(ValueError):
@@ -48,7 +51,7 @@ def accumulate_reference(
     seed: int = 0,
     checkpoint: str | os.PathLike[str] | None = None,
     jitter: bool = False,
-    lights: LightChoice = "power",
+    integrator: Integrator = BY_POWER,
     progress: parallel.Progress = True,
 ) -> Reference:
     """Returns the mean of many samples per pixel, and the variance of that mean.
@@ -65,7 +68,7 @@ def accumulate_reference(
         seed: Seed of the random numbers. They differ from those of any frame with the same seed.
         checkpoint: File to continue and to keep, or ``None``.
         jitter: Whether camera rays are spread over the pixel (anti-aliased) or pass its centre, as in frames.
-        lights: How each path chooses a light; the mean does not depend on it.
+        integrator: How paths are made.
         progress: See :func:`fovden.parallel.run`; called with samples times pixels.
 
     Returns:
@@ -89,7 +92,7 @@ def accumulate_reference(
     require_light(scene)
     views = camera.views
     shape = (views.view_count, 3, *views.resolution)
-    identity = _fingerprint(scene, views, jitter, seed)
+    identity = _fingerprint(scene, views, integrator, jitter, seed)
     sums = _Sums(torch.zeros(shape, dtype=torch.float64), torch.zeros(shape, dtype=torch.float64), 0)
     path = None if checkpoint is None else Path(checkpoint)
     if path is not None and path.exists():
@@ -99,7 +102,7 @@ def accumulate_reference(
     elif path is not None and not path.parent.is_dir():
         raise FileNotFoundError(f"checkpoint: expected an existing folder, got {path.parent}")
     pixels = shape[0] * shape[2] * shape[3]
-    arguments = (*scene.kernel_arrays(lights), view_arrays(views))
+    arguments = (*scene.kernel_arrays(integrator.lights), view_arrays(views))
     per_pass, tile = 1, PIXELS_PER_TILE
     with parallel.reporting(progress, pixels * spp, f"{scene.name}, {spp} spp", unit=" samples") as report:
         while sums.count < spp:
@@ -113,8 +116,7 @@ def accumulate_reference(
                     first,
                     last,
                     jitter,
-                    seed,
-                    int(Stream.REFERENCE),
+                    integrator.setting(seed, Stream.REFERENCE),
                     sums.total.numpy(),
                     sums.squares.numpy(),
                 ),
@@ -143,11 +145,14 @@ class _Sums:
     count: int = field(default=0)
 
 
-def _fingerprint(scene: Scene, views: Camera, jitter: bool, seed: int) -> str:
+def _fingerprint(scene: Scene, views: Camera, integrator: Integrator, jitter: bool, seed: int) -> str:
     """Digest of all that decides the samples' values, but not their number; the choice of lights may change."""
-    digest = hashlib.sha256(repr((views.resolution, jitter, seed)).encode())
+    digest = hashlib.sha256(repr((views.resolution, integrator.bounces, integrator.sampler, jitter, seed)).encode())
     tensors = [scene.vertices, scene.faces, scene.material_ids, scene.normals, scene.uv]
-    tensors += [scene.materials.albedo, scene.materials.emission, scene.materials.texture, *scene.materials.textures]
+    for values in vars(scene.materials).values():
+        tensors += [
+            value for value in (values if isinstance(values, tuple) else (values,)) if isinstance(value, Tensor)
+        ]
     tensors += [views.origin, views.rotation, views.bounds]
     for light in scene.lights:
         values = vars(light)
@@ -159,7 +164,6 @@ def _fingerprint(scene: Scene, views: Camera, jitter: bool, seed: int) -> str:
             else:
                 digest.update(repr(value).encode())
     for tensor in tensors:
-        assert tensor is not None  # Scene fills its optional fields
         digest.update(repr((tuple(tensor.shape), tensor.dtype)).encode())
         digest.update(tensor.detach().contiguous().numpy().tobytes())
     return digest.hexdigest()

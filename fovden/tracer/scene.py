@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from multiprocessing.context import get_spawning_popen
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,8 +19,9 @@ from fovden.checks import ShapeError, require, require_finite, require_shapes
 from fovden.io.files import FilePath
 from fovden.preview import never_raising
 from fovden.tracer.arrays import LightChoice, geometry_arrays, light_table
-from fovden.tracer.bvh import Bvh, Hits, build_bvh, intersect, occluded
+from fovden.tracer.bvh import Bvh, Hits, Tree, build_bvh, build_tree, intersect, occluded, refit_bvh
 from fovden.tracer.formats import write_gltf, write_obj
+from fovden.tracer.kernels.surface import GeometryArrays
 from fovden.tracer.lights import Light
 from fovden.tracer.materials import Materials
 from fovden.tracer.scene_card import scene_card
@@ -59,8 +62,8 @@ class Scene:
     faces: Tensor
     material_ids: Tensor
     materials: Materials
-    normals: Tensor | None = None
-    uv: Tensor | None = None
+    normals: Tensor = None  # type: ignore[assignment]  # zeros until the number of vertices is known
+    uv: Tensor = None  # type: ignore[assignment]
     lights: tuple[Light, ...] = ()
     camera: StereoCamera | None = None
     views: Mapping[str, StereoCamera] = field(default_factory=dict)
@@ -97,14 +100,25 @@ class Scene:
     @cached_property
     def bvh(self) -> Bvh:
         """The acceleration structure, built when first asked for."""
+        if self._same_geometry is not None:
+            return self._same_geometry.bvh
+        if self._same_surfaces is not None:
+            return refit_bvh(self._same_surfaces._tree, self.vertices, self.faces)
         return build_bvh(self.vertices, self.faces)
+
+    @cached_property
+    def _tree(self) -> Tree:
+        return build_tree(self.vertices, self.faces)
 
     @cached_property
     def triangle_areas(self) -> Tensor:
         """Areas of the triangles in square metres, float64, shape (m)."""
-        corners = self.vertices.detach().double()[self.faces.long()]
-        edges = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        areas: Tensor = torch.linalg.vector_norm(edges, dim=1) / 2
+        if self._same_geometry is not None:
+            return self._same_geometry.triangle_areas
+        if self._same_surfaces is None:
+            return _areas(self.vertices, self.faces)
+        areas = self._same_surfaces.triangle_areas.clone()
+        areas[self._changed] = _areas(self.vertices, self.faces[self._changed])
         return areas
 
     def kernel_arrays(self, lights: LightChoice) -> tuple[Any, ...]:
@@ -127,8 +141,32 @@ class Scene:
         return (self.bvh.nodes.numpy(), self.bvh.blocks.numpy(), self._geometry_arrays, self.__dict__[key])
 
     @cached_property
-    def _geometry_arrays(self) -> Any:
+    def _geometry_arrays(self) -> GeometryArrays:
+        if self._same_geometry is not None:
+            return self._same_geometry._geometry_arrays
+        if self._same_surfaces is not None:
+            return geometry_arrays(self, self._same_surfaces._geometry_arrays, self._changed)
         return geometry_arrays(self)
+
+    @cached_property
+    def _changed(self) -> Tensor:
+        """Numbers of the triangles that lie or look elsewhere than in the scene whose surfaces these are."""
+        assert self._same_surfaces is not None
+        pairs = ((self.vertices, self._same_surfaces.vertices), (self.normals, self._same_surfaces.normals))
+        moved = torch.stack([(after != before).any(1) for after, before in pairs]).any(0)
+        return moved[self.faces.long()].any(1).nonzero()[:, 0]
+
+    @property
+    def _same_geometry(self) -> Scene | None:
+        """The scene of which this is a copy with other lights; what is made of its geometry is made once."""
+        same: Scene | None = self.__dict__.get("_geometry_of")
+        return same
+
+    @property
+    def _same_surfaces(self) -> Scene | None:
+        """The scene of which this is a copy with vertices elsewhere; tables of materials and textures are made once."""
+        same: Scene | None = self.__dict__.get("_surfaces_of")
+        return same
 
     def intersect(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Hits:
         """Returns the closest hit of each ray with 0 < t < t_max; see :func:`fovden.tracer.intersect`.
@@ -196,7 +234,7 @@ class Scene:
         return self.camera
 
     def with_lights(self, lights: Sequence[Light]) -> Scene:
-        """Returns the scene with other lights; geometry, and its acceleration structure if built, are shared.
+        """Returns the scene with other lights; geometry and its acceleration structure are shared.
 
         Example:
             >>> from fovden.tracer import PointLight, make_scene
@@ -204,10 +242,52 @@ class Scene:
             1
         """
         changed = replace(self, lights=tuple(lights))
-        for name in ("bvh", "triangle_areas", "_geometry_arrays"):
-            if name in self.__dict__:
-                changed.__dict__[name] = self.__dict__[name]
+        changed.__dict__["_geometry_of"] = self._same_geometry or self
         return changed
+
+    def with_vertices(self, vertices: Tensor, normals: Tensor | None = None) -> Scene:
+        """Returns the scene with its vertices elsewhere; materials and textures are shared.
+
+        The acceleration structure is fitted to them when it is first asked for, see
+        :func:`fovden.tracer.bvh.refit_bvh`.
+
+        Args:
+            vertices: Positions in metres, shape (n, 3), in the same order.
+            normals: Their shading normals, shape (n, 3); ``None`` for those that they have.
+
+        Returns:
+            The scene. Its triangles keep their numbers.
+
+        Raises:
+            ShapeError: If a shape differs.
+            ValueError: If a number is not finite.
+
+        Example:
+            >>> from fovden.tracer import make_scene
+            >>> scene = make_scene("cornell_box")
+            >>> float(scene.with_vertices(scene.vertices + 1).vertices.min() - scene.vertices.min())
+            1.0
+        """
+        require_shapes("n 3", {"n": len(self.vertices)}, vertices=vertices)
+        changed = replace(self, vertices=vertices, normals=self.normals if normals is None else normals)
+        changed.__dict__["_surfaces_of"] = self._same_surfaces or self._same_geometry or self
+        return changed
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields alone; what can be made from them is made anew by whoever unpickles."""
+        state = {each.name: getattr(self, each.name) for each in fields(self) if each.init}
+        state["views"] = dict(self.views)
+        if get_spawning_popen() is None:
+            return state
+        # PyTorch moves the tensors that a new process is to get into shared memory, away from under the arrays that
+        # kernels read. Copies go there instead, made once for all processes, and the structure with them.
+        if "_copies" not in self.__dict__:
+            self.__dict__["_copies"] = deepcopy(state | {"bvh": self.bvh})
+        copies: dict[str, Any] = self.__dict__["_copies"]
+        return copies
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state | {"views": MappingProxyType(state["views"])})
 
     def export(self, path: FilePath) -> list[Path]:
         """Writes geometry, materials, lights and cameras to files that other renderers read.
@@ -250,6 +330,13 @@ class Scene:
     @never_raising
     def _repr_html_(self) -> str:
         return scene_card(self)
+
+
+def _areas(vertices: Tensor, faces: Tensor) -> Tensor:
+    corners = vertices.detach().double()[faces.long()]
+    edges = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas: Tensor = torch.linalg.vector_norm(edges, dim=1) / 2
+    return areas
 
 
 def _require_indices(name: str, indices: Tensor, count: int) -> None:

@@ -22,7 +22,7 @@ import torch
 from export_files import glb_chunks, glb_parts, obj_parts
 from procedural_scenes import built
 
-from fovden.tracer import PointLight, accumulate_reference, trace_frame, trace_gbuffer
+from fovden.tracer import Integrator, PointLight, accumulate_reference, trace_frame, trace_gbuffer
 from fovden.tracer.procedural import SCENES
 
 mitsuba = pytest.importorskip("mitsuba", reason="Mitsuba 3 is not installed")
@@ -84,7 +84,7 @@ def exported(request, tmp_path_factory):
     def batch(seed):
         if direct:
             jitter = tuple(np.random.default_rng(seed).uniform(-0.5, 0.5, 2).tolist())
-            frame = trace_frame(scene, left, SPP_HERE, seed=seed, jitter=jitter, lights="power")
+            frame = trace_frame(scene, left, SPP_HERE, seed=seed, jitter=jitter, integrator=Integrator(lights="power"))
             image = frame.direct + frame.emission
         else:
             image = accumulate_reference(scene, left, spp=SPP_HERE, seed=seed, jitter=True, progress=None).mean

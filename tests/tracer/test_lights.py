@@ -10,10 +10,10 @@ from scipy import ndimage
 from shapes import matt, pixels, rectangle, scene_of, seen_points, view
 from significance import LEVEL, assert_counts, assert_mean, sidak
 
-from fovden.tracer import DirectionalLight, EnvironmentLight, PointLight, trace_frame
+from fovden.tracer import DirectionalLight, EnvironmentLight, Integrator, PointLight, trace_frame
 from fovden.tracer.arrays import light_table
 from fovden.tracer.kernels.illumination import DIRECTIONAL, ENVIRONMENT, POINT, TRIANGLE, choose_light, light_pointers
-from fovden.tracer.kernels.surface import Vector, cosine_direction
+from fovden.tracer.kernels.vectors import Vector, cosine_direction
 
 FLOOR = rectangle((-4, 0, -4), (0, 0, 8), (8, 0, 0))
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -152,7 +152,7 @@ def test_mean_and_variance_are_those_of_the_choice(lights):
     intensities = np.array([intensity for _, intensity in POINTS])
     chances = by_power(intensities) if lights == "power" else np.full(4, 0.25)
     expected = contributions(camera)
-    frames = [trace_frame(scene, camera, 256, seed=seed, lights=lights) for seed in range(32)]
+    frames = [trace_frame(scene, camera, 256, seed=seed, integrator=Integrator(lights=lights)) for seed in range(32)]
     direct = np.concatenate([pixels(frame.direct) for frame in frames])
     squares = np.concatenate([pixels(frame.luminance_squared) for frame in frames])
     assert direct.mean() == pytest.approx(expected.sum(0).mean(), rel=0.01)
@@ -165,7 +165,7 @@ def test_choosing_by_power_has_less_variance_where_lights_differ():
     camera = view((0, 1.5, 1.5), (0, 0, 0), size=16)
     spread = {}
     for lights in ("uniform", "power"):
-        frame = trace_frame(scene, camera, 1024, lights=lights)
+        frame = trace_frame(scene, camera, 1024, integrator=Integrator(lights=lights))
         mean = (frame.radiance * torch.from_numpy(LUMINANCE).float().reshape(1, 3, 1, 1)).sum(1, keepdim=True)
         spread[lights] = (frame.luminance_squared - mean**2).mean()
     assert spread["power"] < 0.2 * spread["uniform"]
@@ -179,7 +179,7 @@ def test_dark_lights_change_nothing(lights, place):
     camera = view((0, 1.5, 1.5), (0, 0, 0), size=4)
     sources[place:place] = dark
     scene = scene_of([(FLOOR, matt(1))], sources)
-    frames = [trace_frame(scene, camera, 128, seed=seed, lights=lights) for seed in range(16)]
+    frames = [trace_frame(scene, camera, 128, seed=seed, integrator=Integrator(lights=lights)) for seed in range(16)]
     direct = np.concatenate([pixels(frame.direct)[..., 0] for frame in frames])
     assert np.isfinite(direct).all()
     points = seen_points(camera, (0, 0, 0), (0, 1, 0))
@@ -193,7 +193,7 @@ def test_dark_lights_change_nothing(lights, place):
 @pytest.mark.parametrize("lights", ["uniform", "power"])
 def test_a_scene_of_dark_lights_is_black(lights):
     scene = scene_of([(FLOOR, matt(1))], [PointLight((0, 1, 0), 0), EnvironmentLight(0)])
-    frame = trace_frame(scene, view((0, 1.5, 1.5), (0, 0, 0)), 8, lights=lights)
+    frame = trace_frame(scene, view((0, 1.5, 1.5), (0, 0, 0)), 8, integrator=Integrator(lights=lights))
     assert (frame.radiance == 0).all()
     assert (frame.luminance_squared == 0).all()
 
@@ -352,7 +352,7 @@ def test_a_strong_light_that_is_hidden_does_not_starve_a_weak_one():
     camera = view((0, 0.5, 1.0), (0, 0, 0), size=8)
     spread = {}
     for lights in ("uniform", "power"):
-        frame = trace_frame(scene, camera, 1024, lights=lights)
+        frame = trace_frame(scene, camera, 1024, integrator=Integrator(lights=lights))
         mean = (frame.radiance * torch.from_numpy(LUMINANCE).float().reshape(1, 3, 1, 1)).sum(1, keepdim=True)
         spread[lights] = float((frame.luminance_squared - mean**2).mean())
     assert spread["power"] < 4 * spread["uniform"]

@@ -10,7 +10,15 @@ from shapes import box, matt, pixels, rectangle, scene_of, seen_points, sphere, 
 from significance import assert_mean
 
 from fovden.color import srgb_to_linear
-from fovden.tracer import DirectionalLight, EnvironmentLight, Material, PointLight, trace_frame, trace_gbuffer
+from fovden.tracer import (
+    DirectionalLight,
+    EnvironmentLight,
+    Integrator,
+    Material,
+    PointLight,
+    trace_frame,
+    trace_gbuffer,
+)
 
 RELATIVE = 1e-5
 """What single precision may cost a noiseless radiance: some hundred roundings of 2^-24 each."""
@@ -28,7 +36,10 @@ def floor(size=4.0, height=0.0):
 
 def batches(scene, camera, spp, count=32, lights="uniform"):
     """Independent frames; each camera's coinciding views count as frames of their own. Shape (batches, h w, 3)."""
-    frames = [trace_frame(scene, camera, spp, seed=seed, lights=lights) for seed in range(-(-count // 2))]
+    frames = [
+        trace_frame(scene, camera, spp, seed=seed, integrator=Integrator(lights=lights))
+        for seed in range(-(-count // 2))
+    ]
     parts = {name: [pixels(getattr(frame, name)) for frame in frames] for name in ("direct", "indirect", "emission")}
     return {name: np.concatenate(values) for name, values in parts.items()}
 
@@ -156,7 +167,7 @@ def test_one_bounce_carries_what_lamberts_formula_says():
     camera = view((2, 0.8, 0), (0, 0.8, 0), size=4, fov=40)
     points = seen_points(camera, (0, 0, 0), (1, 0, 0))
     form = polygon_form_factor(points, np.array([1.0, 0, 0]), patch)[:, None]
-    parts = batches(scene, camera, spp=256, count=64)
+    parts = batches(scene, camera, spp=1024, count=64)
     expected = np.array(ALBEDO) * grey / math.pi * 10 * form
     assert (parts["direct"] == 0).all()
     assert_mean(parts["indirect"], expected)

@@ -22,6 +22,7 @@ from fovden.tracer import (
     CheckpointError,
     DirectionalLight,
     EnvironmentLight,
+    Integrator,
     Material,
     PointLight,
     accumulate_reference,
@@ -122,7 +123,9 @@ def test_pixels_without_samples_hold_nothing(scene):
 @pytest.mark.parametrize("lights", ["uniform", "power"])
 def test_references_and_frames_have_one_mean(scene, lights):
     frames = [pixels(trace_frame(scene, camera_of(), 32, seed=seed).radiance) for seed in range(32)]
-    references = [pixels(reference_of(scene, 32, seed=seed, lights=lights).mean) for seed in range(32)]
+    references = [
+        pixels(reference_of(scene, 32, seed=seed, integrator=Integrator(lights=lights)).mean) for seed in range(32)
+    ]
     assert_same_mean(np.concatenate(frames), np.concatenate(references))
 
 
@@ -159,7 +162,7 @@ def test_a_reference_shares_no_random_numbers_with_the_frame_of_its_seed(scene):
     """Nor do the two views, or two seeds: the noise of single samples, in units of its standard deviation, is
     uncorrelated over 64 x 64 pixels. A frame of two samples contains the first, which shows."""
     camera, spp = camera_of(64), 512
-    settled = reference_of(scene, spp, camera=camera, seed=99, lights="uniform")
+    settled = reference_of(scene, spp, camera=camera, seed=99, integrator=Integrator(lights="uniform"))
     deviation = luminance((settled.variance * spp).sqrt()).clamp_min(1e-3)
 
     def noise(image):
@@ -169,7 +172,7 @@ def test_a_reference_shares_no_random_numbers_with_the_frame_of_its_seed(scene):
         return np.corrcoef(first.ravel(), second.ravel())[0, 1]
 
     frame = noise(trace_frame(scene, camera, 1, seed=7).radiance)
-    reference = noise(reference_of(scene, 1, camera=camera, seed=7, lights="uniform").mean)
+    reference = noise(reference_of(scene, 1, camera=camera, seed=7, integrator=Integrator(lights="uniform")).mean)
     bound = stats.norm.isf(LEVEL / 2) / 64  # for the 4096 pixels of one view
     assert correlation(frame, noise(trace_frame(scene, camera, 2, seed=7).radiance)) > 0.5
     assert abs(correlation(frame[0], reference[0])) < bound
@@ -232,8 +235,8 @@ def test_a_finished_checkpoint_is_returned_at_once(scene, tmp_path, monkeypatch)
 
 def test_lights_may_be_chosen_otherwise_when_continuing(scene, tmp_path):
     path = tmp_path / "sums"
-    reference_of(scene, 8, checkpoint=path, lights="uniform")
-    assert reference_of(scene, 16, checkpoint=path, lights="power").count == 16
+    reference_of(scene, 8, checkpoint=path, integrator=Integrator(lights="uniform"))
+    assert reference_of(scene, 16, checkpoint=path, integrator=Integrator(lights="power")).count == 16
 
 
 @pytest.mark.usefixtures("hasty")

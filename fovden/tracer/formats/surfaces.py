@@ -72,8 +72,6 @@ def gather_surfaces(scene: Scene, *, every_normal: bool) -> Surfaces:
         >>> surfaces.runs[:2], len(surfaces.vertices) - 70
         (((0, slice(0, 32, None)), (2, slice(32, 34, None))), 114)
     """
-    assert scene.normals is not None  # filled in by Scene, like uv
-    assert scene.uv is not None
     vertices, normals, uv = (x.detach().cpu().numpy() for x in (scene.vertices, scene.normals, scene.uv))
     ids = scene.material_ids.cpu().numpy()
     used, first = np.unique(ids, return_index=True)

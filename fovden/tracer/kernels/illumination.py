@@ -9,19 +9,8 @@ import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
 from fovden.simd import pointer_to
-from fovden.tracer.kernels.surface import (
-    Geometry,
-    Surface,
-    Vector,
-    added,
-    corners_of,
-    cosine_direction,
-    cross,
-    dot,
-    origin_above,
-    row,
-    scaled,
-)
+from fovden.tracer.kernels.surface import Geometry, Surface, corners_of, origin_above, three
+from fovden.tracer.kernels.vectors import Vector, added, cosine_direction, cross, dot, scaled
 
 POINT, DIRECTIONAL, TRIANGLE, ENVIRONMENT = 0, 1, 2, 3
 
@@ -43,6 +32,8 @@ class LightTable(NamedTuple):
     pmf: Any  # (n): chance of being chosen
     cdf: Any  # (n): running sum of the chances
     environment: Any  # (h, w, 3): radiance of the surroundings, (0, 0, 3) without
+    first_emitter: Int  # row of the first triangle; the others follow in the order of their emitter numbers
+    sky: Int  # row of the environment, or -1
 
 
 class Lights(NamedTuple):
@@ -56,8 +47,10 @@ class Lights(NamedTuple):
     cdf: Any
     size: Int
     environment: Any
-    height: int
-    width: int
+    height: Int
+    width: Int
+    first_emitter: Int
+    sky: Int
 
 
 @inlined
@@ -74,15 +67,20 @@ def light_pointers(table: LightTable) -> Lights:
         pointer_to(table.environment),
         table.environment.shape[0],
         table.environment.shape[1],
+        table.first_emitter,
+        table.sky,
     )
 
 
 class LightSample(NamedTuple):
-    """A unit direction towards light, how far it is clear if not shadowed, and incident radiance / density."""
+    """A unit direction towards light, how far it is clear if not shadowed, and what arrives: colour times scale."""
 
     direction: Vector
     distance: Float
-    radiance: Vector
+    colour: Vector  # the light's radiance, intensity or irradiance
+    scale: Float  # 1 / density; of a point or a direction what turns the colour into irradiance, over its chance
+    density: Float  # per steradian; 0 for a point or a direction, which no bounce can find
+    row: Int  # which light
 
 
 @kernel
@@ -99,7 +97,9 @@ def environment_radiance(lights: Lights, direction: Vector) -> Vector:
     red, green, blue = ZERO, ZERO, ZERO
     for dy in range(2):
         for dx in range(2):
-            texel = row(lights.environment, min(max(y0 + dy, 0), height - 1) * width + (x0 + dx + width) % width)
+            texel = three(
+                lights.environment, np.int64(3) * (min(max(y0 + dy, 0), height - 1) * width + (x0 + dx + width) % width)
+            )
             weight = (fx if dx else ONE - fx) * (fy if dy else ONE - fy)
             red, green, blue = red + weight * texel.x, green + weight * texel.y, blue + weight * texel.z
     return Vector(red, green, blue)
@@ -118,45 +118,59 @@ def choose_light(lights: Lights, xi: Float) -> Int:
     return low
 
 
+@inlined
+def sky_density(lights: Lights, surface: Surface, direction: Vector) -> Float:
+    """Density per steradian with which :func:`sample_light` chooses a direction of the surroundings."""
+    return lights.pmf[lights.sky] * max(ZERO, dot(surface.normal, direction)) / PI
+
+
+@inlined
+def emitter_density(
+    lights: Lights, geometry: Geometry, surface: Surface, prim: Int, emitter: Int, direction: Vector, distance: Float
+) -> Float:
+    """Density per steradian with which :func:`sample_light` chooses the point of an emitter that a ray met."""
+    _, edge_1, edge_2 = corners_of(geometry, prim)
+    facing = -HALF * dot(cross(edge_1, edge_2), direction)  # area times cosine
+    return lights.pmf[lights.first_emitter + emitter] * distance * distance / facing
+
+
 @kernel
 def sample_light(
     lights: Lights, geometry: Geometry, surface: Surface, xi_0: Float, xi_1: Float, xi_2: Float
 ) -> LightSample:
-    """Chooses one light by its chance and one way to it; the radiance is zero where none arrives.
+    """Chooses one light by its chance and one way to it; the scale is zero where no light arrives.
 
-    The reflected light is albedo / pi * cosine * radiance, if nothing lies on the way. A triangle is sampled by area,
-    the environment by the cosine about the normal.
+    The reflected light is f * cosine * colour * scale, if nothing lies on the way. A triangle is sampled by area, the
+    environment by the cosine about the normal.
     """
     light = choose_light(lights, xi_0)
-    kind, weight = lights.kind[light], ONE / lights.pmf[light]
-    colour = scaled(row(lights.colour, light), weight)
-    origin = origin_above(surface)
-    nothing = LightSample(Vector(ZERO, ZERO, ZERO), ZERO, Vector(ZERO, ZERO, ZERO))
+    kind, chance = lights.kind[light], lights.pmf[light]
+    colour, place = three(lights.colour, np.int64(3) * light), three(lights.vector, np.int64(3) * light)
+    nothing = LightSample(Vector(ZERO, ZERO, ZERO), ZERO, colour, ZERO, ZERO, light)
     if kind == DIRECTIONAL:
-        return LightSample(scaled(row(lights.vector, light), -ONE), INFINITY, colour)
+        return LightSample(scaled(place, -ONE), INFINITY, colour, ONE / chance, ZERO, light)
     if kind == ENVIRONMENT:
         direction = cosine_direction(surface.normal, xi_1, xi_2)
-        cosine = dot(direction, surface.normal)
-        if cosine < GRAZING:
+        density = sky_density(lights, surface, direction)
+        if density < GRAZING * chance:
             return nothing
-        radiance = scaled(environment_radiance(lights, direction), weight * PI / cosine)
-        return LightSample(direction, INFINITY, radiance)
-    target, area_normal = row(lights.vector, light), Vector(ZERO, ZERO, ZERO)
+        return LightSample(direction, INFINITY, environment_radiance(lights, direction), ONE / density, density, light)
+    area_normal = Vector(ZERO, ZERO, ZERO)
     if kind == TRIANGLE:
-        prim = lights.prim[light]
-        a, b, c = corners_of(geometry, prim)
-        va = row(geometry.vertices, a)
-        edge_1 = added(row(geometry.vertices, b), va, -ONE)
-        edge_2 = added(row(geometry.vertices, c), va, -ONE)
+        first, edge_1, edge_2 = corners_of(geometry, lights.prim[light])
         root = np.float32(math.sqrt(xi_1))
-        target = added(added(va, edge_1, root * (ONE - xi_2)), edge_2, root * xi_2)
+        place = added(added(first, edge_1, root * (ONE - xi_2)), edge_2, root * xi_2)
         area_normal = scaled(cross(edge_1, edge_2), HALF)
-    towards = added(target, origin, -ONE)
-    distance = np.float32(math.sqrt(dot(towards, towards)))
+    towards = added(place, origin_above(surface), -ONE)
+    square = dot(towards, towards)
+    distance = np.float32(math.sqrt(square))
     if not distance > ZERO:
         return nothing
     direction = scaled(towards, ONE / distance)
-    falloff = ONE / (distance * distance)
-    if kind == TRIANGLE:
-        falloff *= max(ZERO, -dot(direction, area_normal))
-    return LightSample(direction, distance * BEFORE_LIGHT, scaled(colour, falloff))
+    if kind == POINT:
+        return LightSample(direction, distance * BEFORE_LIGHT, colour, ONE / (square * chance), ZERO, light)
+    facing = -dot(direction, area_normal)
+    if not facing > ZERO:
+        return nothing
+    density = chance * square / facing
+    return LightSample(direction, distance * BEFORE_LIGHT, colour, ONE / density, density, light)

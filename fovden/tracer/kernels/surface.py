@@ -1,55 +1,60 @@
-"""What a ray finds at a hit: position, normals, reflectance, emitted radiance."""
+"""What a ray finds at a hit: position, normals, how the surface reflects, what it emits, whether it has a hole there.
+
+A triangle's corners, normals, texture coordinates and material lie together in one record of two cache lines: by way of
+vertex numbers they would lie in some ten lines all over memory, and shading would wait for each.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
-from fovden.simd import pointer_to
+from fovden.simd import load_int32, pointer_to, prefetch
+from fovden.tracer.kernels.vectors import Vector, added, cross, dot, largest_component, normalised, product, scaled
 
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
-TINY = np.float32(1e-30)
 OFFSET = np.float32(2.0**-19)
 """How far a new ray starts above its surface, relative to the coordinates involved: 32 units in the last place, where
 interpolating the position and shearing the triangle's vertices each cost a handful."""
+
+RECORD = 32
+"""Float32 numbers of a triangle: three corners, from NORMALS three normals (zeros where the file has none), from UV
+three texture coordinates, then two int32: MATERIAL, and EMITTER, its number among the triangles that emit, or -1."""
+NORMALS, UV, MATERIAL, EMITTER = 9, 18, 24, 25
+
+FINISH = 12
+"""Float32 numbers of a material: albedo, from EMISSION the emitted radiance, then ROUGHNESS, METALLIC, CUTOFF."""
+EMISSION, ROUGHNESS, METALLIC, CUTOFF = 3, 6, 7, 8
+
+LINKS = 4
+"""Int32 numbers of a material: MODEL, and the images of TEXTURE, FACTORS and OPACITY, -1 for none."""
+MODEL, TEXTURE, FACTORS, OPACITY = 0, 1, 2, 3
+
+BYTE, GREEN_BITS, BLUE_BITS = np.uint32(255), np.uint32(8), np.uint32(16)
+INVERSE_BYTE = np.float32(1.0 / 255.0)
 
 
 class GeometryArrays(NamedTuple):
     """The arrays of a scene that shading reads."""
 
-    vertices: Any  # (n, 3)
-    faces: Any  # (m, 3)
-    normals: Any  # (n, 3), zero rows where the file has none
-    uv: Any  # (n, 2)
-    material_ids: Any  # (m)
-    albedo: Any  # (k, 3)
-    emission: Any  # (k, 3)
-    texture: Any  # (k), -1 for none
-    texels: Any  # (all texels, 3), uint8
-    texture_first: Any  # (t), first texel
-    texture_height: Any  # (t)
-    texture_width: Any  # (t)
+    triangles: Any  # (m, RECORD)
+    finishes: Any  # (k, FINISH)
+    links: Any  # (k, LINKS), int32
+    texels: Any  # (all texels), uint32: red or first channel in the lowest byte
+    images: Any  # (t, 3): first texel, height, width
     srgb: Any  # (256), the sRGB curve's linear values
 
 
 class Geometry(NamedTuple):
     """Pointers to the same: an array is seven words to pass on, and counts its references atomically."""
 
-    vertices: Any
-    faces: Any
-    normals: Any
-    uv: Any
-    material_ids: Any
-    albedo: Any
-    emission: Any
-    texture: Any
+    triangles: Any
+    finishes: Any
+    links: Any
     texels: Any
-    texture_first: Any
-    texture_height: Any
-    texture_width: Any
+    images: Any
     srgb: Any
 
 
@@ -57,28 +62,13 @@ class Geometry(NamedTuple):
 def geometry_pointers(arrays: GeometryArrays) -> Geometry:
     """Where a scene's arrays begin."""
     return Geometry(
-        pointer_to(arrays.vertices),
-        pointer_to(arrays.faces),
-        pointer_to(arrays.normals),
-        pointer_to(arrays.uv),
-        pointer_to(arrays.material_ids),
-        pointer_to(arrays.albedo),
-        pointer_to(arrays.emission),
-        pointer_to(arrays.texture),
+        pointer_to(arrays.triangles),
+        pointer_to(arrays.finishes),
+        pointer_to(arrays.links),
         pointer_to(arrays.texels),
-        pointer_to(arrays.texture_first),
-        pointer_to(arrays.texture_height),
-        pointer_to(arrays.texture_width),
+        pointer_to(arrays.images),
         pointer_to(arrays.srgb),
     )
-
-
-class Vector(NamedTuple):
-    """Three numbers: a point, a direction or a colour."""
-
-    x: Float
-    y: Float
-    z: Float
 
 
 class Surface(NamedTuple):
@@ -87,137 +77,198 @@ class Surface(NamedTuple):
     position: Vector
     normal: Vector
     geometric: Vector
-    albedo: Vector
     offset: Float  # metres above the geometric plane at which a new ray starts
+    material: Int
+    s: Float  # texture coordinates, 0 without a texture
+    t: Float
+    model: Int  # index into ``materials.MODELS``
+    roughness: Float
+    metallic: Float
+
+
+class Place(NamedTuple):
+    """A point of a texture between four texels: their numbers, and the weights of the second column and row."""
+
+    upper_left: Int
+    upper_right: Int
+    lower_left: Int
+    lower_right: Int
+    x: Float
+    y: Float
 
 
 @inlined
-def dot(a: Vector, b: Vector) -> Float:
-    """Inner product."""
-    return a.x * b.x + a.y * b.y + a.z * b.z
+def three(numbers: Any, start: Int) -> Vector:
+    """Three numbers that lie side by side."""
+    return Vector(numbers[start], numbers[start + 1], numbers[start + 2])
 
 
 @inlined
-def scaled(a: Vector, s: Float) -> Vector:
-    """The vector times a number."""
-    return Vector(a.x * s, a.y * s, a.z * s)
+def corners_of(geometry: Geometry, prim: Int) -> tuple[Vector, Vector, Vector]:
+    """A triangle's first corner, and the edges from there to the second and the third."""
+    k = np.int64(RECORD) * prim
+    first = three(geometry.triangles, k)
+    return (
+        first,
+        added(three(geometry.triangles, k + 3), first, -ONE),
+        added(three(geometry.triangles, k + 6), first, -ONE),
+    )
 
 
 @inlined
-def added(a: Vector, b: Vector, s: Float) -> Vector:
-    """A + s b."""
-    return Vector(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z)
+def material_of(geometry: Geometry, prim: Int) -> Int:
+    """The number of a triangle's material."""
+    return np.int64(load_int32(geometry.triangles, np.int64(RECORD) * prim + MATERIAL))
 
 
 @inlined
-def product(a: Vector, b: Vector) -> Vector:
-    """The components multiplied."""
-    return Vector(a.x * b.x, a.y * b.y, a.z * b.z)
+def emitter_of(geometry: Geometry, prim: Int) -> Int:
+    """A triangle's number among those that emit, -1 for others."""
+    return np.int64(load_int32(geometry.triangles, np.int64(RECORD) * prim + EMITTER))
 
 
 @inlined
-def cross(a: Vector, b: Vector) -> Vector:
-    """Vector product."""
-    return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+def interpolated(geometry: Geometry, prim: Int, start: Int, u: Float, v: Float) -> Vector:
+    """Vectors of the three corners, interpolated."""
+    k, w = np.int64(RECORD) * prim + start, ONE - u - v
+    a, b, c = three(geometry.triangles, k), three(geometry.triangles, k + 3), three(geometry.triangles, k + 6)
+    return added(added(scaled(a, w), b, u), c, v)
 
 
 @inlined
-def normalised(a: Vector) -> Vector:
-    """The vector at length one; zero stays zero. Scaled first, so that no square under- or overflows."""
-    largest = max(abs(a.x), max(abs(a.y), abs(a.z)))
-    if largest < TINY:
-        return Vector(ZERO, ZERO, ZERO)
-    b = scaled(a, ONE / largest)
-    return scaled(b, ONE / math.sqrt(dot(b, b)))
+def texture_coordinates(geometry: Geometry, prim: Int, u: Float, v: Float) -> tuple[Float, Float]:
+    """Texture coordinates at barycentric coordinates (u, v) of a triangle."""
+    numbers, k, w = geometry.triangles, np.int64(RECORD) * prim + UV, ONE - u - v
+    s = w * numbers[k] + u * numbers[k + 2] + v * numbers[k + 4]
+    t = w * numbers[k + 1] + u * numbers[k + 3] + v * numbers[k + 5]
+    return s, t
 
 
 @inlined
-def largest_component(a: Vector) -> Float:
-    """Largest absolute component."""
-    return max(abs(a.x), max(abs(a.y), abs(a.z)))
+def whole_below(x: Float) -> Int:
+    """The greatest integer that is not above x, without the call of a library that ``math.floor`` is."""
+    i = np.int64(x)
+    return i - 1 if np.float32(i) > x else i
 
 
 @inlined
-def row(pointer: Any, i: Int) -> Vector:
-    """Row of an (n, 3) array."""
-    k = np.int64(3) * i
-    return Vector(pointer[k], pointer[k + 1], pointer[k + 2])
+def place_in(geometry: Geometry, image: Int, s: Float, t: Float) -> Place:
+    """Where texture coordinates lie in a repeating image; (0, 0) is its lower left corner."""
+    k = np.int64(3) * image
+    first, height, width = geometry.images[k], geometry.images[k + 1], geometry.images[k + 2]
+    x = (s - np.float32(whole_below(s))) * np.float32(width) - HALF
+    y = (ONE - (t - np.float32(whole_below(t)))) * np.float32(height) - HALF
+    column, row = whole_below(x), whole_below(y)  # from -1 to size - 1
+    left, right = column if column >= 0 else width - 1, column + 1 if column + 1 < width else 0
+    upper = first + (row if row >= 0 else height - 1) * width
+    lower = first + (row + 1 if row + 1 < height else 0) * width
+    dx, dy = x - np.float32(column), y - np.float32(row)
+    return Place(upper + left, upper + right, lower + left, lower + right, dx, dy)
 
 
 @inlined
-def corners_of(geometry: Geometry, prim: Int) -> tuple[Int, Int, Int]:
-    """The vertex numbers of a triangle."""
-    k = np.int64(3) * prim
-    return geometry.faces[k], geometry.faces[k + 1], geometry.faces[k + 2]
+def mixed(place: Place, upper_left: Float, upper_right: Float, lower_left: Float, lower_right: Float) -> Float:
+    """Bilinear mean of the values at four texels."""
+    upper = (ONE - place.x) * upper_left + place.x * upper_right
+    lower = (ONE - place.x) * lower_left + place.x * lower_right
+    return (ONE - place.y) * upper + place.y * lower
 
 
 @inlined
-def wrap(i: Int, size: Int) -> Int:
-    """Index modulo size, also for negative ones: a repeating image."""
-    i = i % size
-    return i + size if i < 0 else i
+def channel(geometry: Geometry, place: Place, bits: Int) -> Float:
+    """A linear channel in [0, 1] of an image, bilinear; ``bits`` is where the channel lies in a texel."""
+    texels = geometry.texels
+    return INVERSE_BYTE * mixed(
+        place,
+        np.float32((texels[place.upper_left] >> bits) & BYTE),
+        np.float32((texels[place.upper_right] >> bits) & BYTE),
+        np.float32((texels[place.lower_left] >> bits) & BYTE),
+        np.float32((texels[place.lower_right] >> bits) & BYTE),
+    )
+
+
+@inlined
+def decoded(geometry: Geometry, texel: Int) -> Vector:
+    """The linear colour of a texel."""
+    packed, srgb = geometry.texels[texel], geometry.srgb
+    return Vector(srgb[packed & BYTE], srgb[(packed >> GREEN_BITS) & BYTE], srgb[(packed >> BLUE_BITS) & BYTE])
 
 
 @kernel
-def texture_colour(geometry: Geometry, texture: Int, u: Float, v: Float) -> Vector:
-    """Linear colour of a repeating image, bilinear between decoded texels; (0, 0) is the lower left corner."""
-    height, width = geometry.texture_height[texture], geometry.texture_width[texture]
-    first = geometry.texture_first[texture]
-    x = (u - np.float32(math.floor(u))) * np.float32(width) - HALF
-    y = (ONE - (v - np.float32(math.floor(v)))) * np.float32(height) - HALF
-    x0, y0 = math.floor(x), math.floor(y)
-    fx, fy = x - np.float32(x0), y - np.float32(y0)
-    red, green, blue = ZERO, ZERO, ZERO
-    for dy in range(2):
-        for dx in range(2):
-            texel = 3 * (first + wrap(y0 + dy, height) * width + wrap(x0 + dx, width))
-            weight = (fx if dx else ONE - fx) * (fy if dy else ONE - fy)
-            red += weight * geometry.srgb[geometry.texels[texel]]
-            green += weight * geometry.srgb[geometry.texels[texel + 1]]
-            blue += weight * geometry.srgb[geometry.texels[texel + 2]]
-    return Vector(red, green, blue)
+def texture_colour(geometry: Geometry, image: Int, s: Float, t: Float) -> Vector:
+    """Linear colour of an image, bilinear between decoded texels."""
+    place = place_in(geometry, image, s, t)
+    a, b = decoded(geometry, place.upper_left), decoded(geometry, place.upper_right)
+    c, d = decoded(geometry, place.lower_left), decoded(geometry, place.lower_right)
+    return Vector(mixed(place, a.x, b.x, c.x, d.x), mixed(place, a.y, b.y, c.y, d.y), mixed(place, a.z, b.z, c.z, d.z))
+
+
+@kernel
+def is_opaque(geometry: Geometry, prim: Int, u: Float, v: Float) -> bool:
+    """Whether a triangle is there at barycentric coordinates (u, v): its opacity is not below the cutoff."""
+    material = material_of(geometry, prim)
+    image = geometry.links[np.int64(LINKS) * material + OPACITY]
+    if image < 0:
+        return True
+    s, t = texture_coordinates(geometry, prim, u, v)
+    opacity = channel(geometry, place_in(geometry, image, s, t), np.uint32(0))
+    return bool(opacity >= geometry.finishes[np.int64(FINISH) * material + CUTOFF])
 
 
 @kernel
 def surface_at(geometry: Geometry, prim: Int, u: Float, v: Float, direction: Vector) -> Surface:
     """The surface that a ray of this direction finds at barycentric coordinates (u, v) of a triangle."""
-    a, b, c = corners_of(geometry, prim)
-    w = ONE - u - v
-    va, vb, vc = row(geometry.vertices, a), row(geometry.vertices, b), row(geometry.vertices, c)
-    edge_1, edge_2 = added(vb, va, -ONE), added(vc, va, -ONE)
-    position = added(added(scaled(va, w), vb, u), vc, v)
+    position = interpolated(geometry, prim, 0, u, v)
+    _, edge_1, edge_2 = corners_of(geometry, prim)
     geometric = normalised(cross(edge_1, edge_2))
     if dot(geometric, direction) > ZERO:
         geometric = scaled(geometric, -ONE)
-    interpolated = added(
-        added(scaled(row(geometry.normals, a), w), row(geometry.normals, b), u), row(geometry.normals, c), v
-    )
-    normal = normalised(interpolated)
+    normal = normalised(interpolated(geometry, prim, NORMALS, u, v))
     side = dot(normal, geometric)
     if side == ZERO:
         normal = geometric
     elif side < ZERO:
         normal = scaled(normal, -ONE)
-    material = geometry.material_ids[prim]
-    albedo = row(geometry.albedo, material)
-    texture = geometry.texture[material]
-    if texture >= 0:
-        uv, i, j, k = geometry.uv, np.int64(2) * a, np.int64(2) * b, np.int64(2) * c
-        s = w * uv[i] + u * uv[j] + v * uv[k]
-        t = w * uv[i + 1] + u * uv[j + 1] + v * uv[k + 1]
-        albedo = product(albedo, texture_colour(geometry, texture, s, t))
+    material = material_of(geometry, prim)
+    finish, link = np.int64(FINISH) * material, np.int64(LINKS) * material
+    roughness, metallic = geometry.finishes[finish + ROUGHNESS], geometry.finishes[finish + METALLIC]
+    texture, factors = geometry.links[link + TEXTURE], geometry.links[link + FACTORS]
+    s, t = ZERO, ZERO
+    if texture >= 0 or factors >= 0:
+        s, t = texture_coordinates(geometry, prim, u, v)
+        if texture >= 0:
+            place = place_in(geometry, texture, s, t)
+            prefetch(geometry.texels, place.upper_left)
+            prefetch(geometry.texels, place.lower_left)
+        if factors >= 0:
+            place = place_in(geometry, factors, s, t)
+            roughness *= channel(geometry, place, np.uint32(0))
+            metallic *= channel(geometry, place, GREEN_BITS)
     reach = largest_component(position) + max(largest_component(edge_1), largest_component(edge_2))
-    return Surface(position, normal, geometric, albedo, reach * OFFSET)
+    model = geometry.links[link + MODEL]
+    return Surface(position, normal, geometric, reach * OFFSET, material, s, t, model, roughness, metallic)
+
+
+@kernel
+def albedo_of(geometry: Geometry, surface: Surface) -> Vector:
+    """What part of the light a surface reflects.
+
+    :func:`surface_at` only asks for the texels: they are slow to come, and a path has other things to do first.
+    """
+    albedo = three(geometry.finishes, np.int64(FINISH) * surface.material)
+    texture = geometry.links[np.int64(LINKS) * surface.material + TEXTURE]
+    if texture >= 0:
+        return product(albedo, texture_colour(geometry, texture, surface.s, surface.t))
+    return albedo
 
 
 @kernel
 def emitted(geometry: Geometry, prim: Int, direction: Vector) -> Vector:
     """Radiance that a triangle emits against a ray of this direction: only on the side of its normal."""
-    a, b, c = corners_of(geometry, prim)
-    va = row(geometry.vertices, a)
-    normal = cross(added(row(geometry.vertices, b), va, -ONE), added(row(geometry.vertices, c), va, -ONE))
-    if dot(normal, direction) < ZERO:
-        return row(geometry.emission, geometry.material_ids[prim])
+    if emitter_of(geometry, prim) >= 0:
+        _, edge_1, edge_2 = corners_of(geometry, prim)
+        if dot(cross(edge_1, edge_2), direction) < ZERO:
+            return three(geometry.finishes, np.int64(FINISH) * material_of(geometry, prim) + EMISSION)
     return Vector(ZERO, ZERO, ZERO)
 
 
@@ -225,18 +276,3 @@ def emitted(geometry: Geometry, prim: Int, direction: Vector) -> Vector:
 def origin_above(surface: Surface) -> Vector:
     """Where a new ray starts."""
     return added(surface.position, surface.geometric, surface.offset)
-
-
-@inlined
-def cosine_direction(normal: Vector, xi_1: Float, xi_2: Float) -> Vector:
-    """A direction about a normal with density cosine / pi: Malley's method, on the frame of Duff et al., JCGT 2017."""
-    radius, angle = math.sqrt(xi_1), np.float32(2.0 * math.pi) * xi_2
-    x, y, z = radius * math.cos(angle), radius * math.sin(angle), math.sqrt(max(ZERO, ONE - xi_1))
-    sign = np.float32(math.copysign(ONE, normal.z))
-    a = -ONE / (sign + normal.z)
-    b = normal.x * normal.y * a
-    return Vector(
-        x * (ONE + sign * normal.x * normal.x * a) + y * b + z * normal.x,
-        x * sign * b + y * (sign + normal.y * normal.y * a) + z * normal.y,
-        -x * sign * normal.x - y * normal.y + z * normal.z,
-    )
