@@ -66,6 +66,8 @@ class Camera:
         height, width = self.resolution
         require_integer("resolution[0] (height)", height, minimum=1)
         require_integer("resolution[1] (width)", width, minimum=1)
+        if torch.compiler.is_compiling():  # values are not known
+            return
         left, right, bottom, top = self.bounds.unbind(1)
         require(
             bool((left < right).all() and (bottom < top).all()),
@@ -89,7 +91,7 @@ class Camera:
         """Number of views v."""
         return int(self.origin.shape[0])
 
-    @cached_property
+    @property
     def pixel_to_world(self) -> Tensor:
         """Matrices that take (x, y, 1) in pixels to unnormalised world directions, shape (v, 3, 3)."""
         height, width = self.resolution

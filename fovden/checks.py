@@ -188,6 +188,8 @@ def require_shapes(pattern: str, sizes: Mapping[str, int] | None = None, /, **te
 def require_finite(name: str, tensor: Tensor, *, minimum: float = -math.inf) -> Tensor:
     """Returns the tensor if all of its entries are finite and none is below the minimum.
 
+    In a function that is being compiled values are not known, and nothing is checked.
+
     Args:
         name: The argument's name.
         tensor: Any floating tensor.
@@ -205,6 +207,8 @@ def require_finite(name: str, tensor: Tensor, *, minimum: float = -math.inf) -> 
         ...
         ValueError: radiance: expected finite values of at least 0, got -1.0 at index (1,)
     """
+    if torch.compiler.is_compiling():
+        return tensor
     sound = torch.isfinite(tensor) & (tensor >= minimum)
     if not bool(sound.all()):
         index = tuple(int(i) for i in (~sound).nonzero()[0])

@@ -1,7 +1,8 @@
 """The vector layer: LLVM vectors with Python's operators, for the few operations that decide the speed.
 
 Numba's loops over eight lanes do not become vector instructions inside a branchy traversal. Such operations are
-written as intrinsics on :class:`Lanes`, so that they read like their formulas. No product is fused into a sum.
+written as intrinsics on :class:`Lanes`, so that they read like their formulas. No product is fused into a sum but by
+:func:`fused`, whose results only ever bound something.
 
 Every intrinsic has a twin in plain Numba: its oracle in the tests, and its replacement where the environment variable
 ``FOVDEN_SIMD`` is ``0``.
@@ -21,6 +22,7 @@ __all__ = [
     "Lanes",
     "advanced",
     "bits_of",
+    "fused",
     "load",
     "load_int32",
     "maximum",
@@ -31,6 +33,7 @@ __all__ = [
     "stack_floats",
     "stack_words",
     "store",
+    "store_int32",
     "trailing_zeros",
 ]
 
@@ -158,6 +161,20 @@ def maximum(a: Lanes, b: Lanes) -> Lanes:
     return (a > b).select(a, b)
 
 
+def fused(a: Lanes, b: Lanes, c: Lanes) -> Lanes:
+    """Returns a * b + c, rounded once where the processor can do that and twice where it cannot.
+
+    Example:
+        >>> _, one = sketch()
+        >>> fused(one, one, one).width
+        8
+    """
+    kind = a.value.type
+    name, signature = f"llvm.fmuladd.v{a.width}f32", ir.FunctionType(kind, [kind] * 3)
+    function = cgutils.get_or_insert_function(a.builder.module, signature, name)
+    return Lanes(a.builder, a.builder.call(function, [a.value, b.value, c.value]))
+
+
 def splat(builder: Builder, number: Value, width: int) -> Lanes:
     """Returns a vector whose lanes all hold the scalar.
 
@@ -171,8 +188,10 @@ def splat(builder: Builder, number: Value, width: int) -> Lanes:
     return Lanes(builder, builder.shuffle_vector(first, empty, _repeated(ir.VectorType(I32, width), 0)))
 
 
-def load(builder: Builder, pointer: Value, offset: Value | int, width: int, element: Value = F32) -> Lanes:
-    """Returns consecutive numbers from memory that is aligned to the vector's size.
+def load(
+    builder: Builder, pointer: Value, offset: Value | int, width: int, element: Value = F32, align: int = 0
+) -> Lanes:
+    """Returns consecutive numbers from memory.
 
     Args:
         builder: The LLVM builder.
@@ -180,6 +199,7 @@ def load(builder: Builder, pointer: Value, offset: Value | int, width: int, elem
         offset: Distance in elements.
         width: Number of lanes.
         element: Type to read them as: float32 or int32.
+        align: Bytes to which their place is aligned; 0 for the vector's size.
 
     Returns:
         The vector.
@@ -191,7 +211,7 @@ def load(builder: Builder, pointer: Value, offset: Value | int, width: int, elem
     """
     place = builder.gep(pointer, [ir.Constant(I64, offset) if isinstance(offset, int) else offset])
     place = builder.bitcast(place, ir.VectorType(element, width).as_pointer())
-    return Lanes(builder, builder.load(place, align=4 * width))
+    return Lanes(builder, builder.load(place, align=align or 4 * width))
 
 
 def store(builder: Builder, lanes: Lanes, pointer: Value, offset: int = 0) -> None:
@@ -348,3 +368,22 @@ def load_int32(context: Any, pointer: Any, offset: Any) -> Any:
         return builder.load(place)
 
     return types.int32(FLOATS, types.int64), generate
+
+
+@intrinsic
+def store_int32(context: Any, pointer: Any, offset: Any, number: Any) -> Any:
+    """Writes an int32 at a float32 pointer plus an offset in elements; returns it.
+
+    Example:
+        >>> from numba import njit
+        >>> import numpy as np
+        >>> njit(lambda array: store_int32(pointer_to(array), 0, 7))(np.zeros(1, np.float32))
+        7
+    """
+
+    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
+        pointer, offset, number = arguments
+        builder.store(number, builder.bitcast(builder.gep(pointer, [offset]), I32.as_pointer()))
+        return number
+
+    return types.int32(FLOATS, types.int64, types.int32), generate

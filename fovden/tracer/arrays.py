@@ -142,7 +142,7 @@ def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
         array([2, 2], dtype=int32)
     """
     require(choice in ("uniform", "power"), "choice", choice, "'uniform' or 'power'")
-    lower, upper = scene.vertices.amin(0), scene.vertices.amax(0)
+    lower, upper = scene.vertices.detach().amin(0), scene.vertices.detach().amax(0)
     disc = math.pi * float((upper - lower).double().norm() / 2) ** 2
     kinds: list[int] = []
     vectors: list[tuple[float, float, float]] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +14,30 @@ from fovden.camera import Camera, StereoCamera
 from fovden.checks import require_number
 from fovden.frame import GBuffer
 from fovden.tracer.arrays import view_arrays
+from fovden.tracer.gradient import attached, is_differentiable, seen_at
 from fovden.tracer.kernels import paths
+from fovden.tracer.kernels.tiles import SIDE
 from fovden.tracer.motion import motion_vectors
+from fovden.tracer.operators import define_operator, scene_of
 from fovden.tracer.scene import Scene
 from fovden.tracer.sequence import Instant
 
 __all__ = ["trace_gbuffer"]
 
-PIXELS_PER_TILE = 2048
+TILES_AT_ONCE = 128  # of four by four pixels
+
+FIELDS = {
+    "albedo": 3,
+    "normal": 3,
+    "position": 3,
+    "depth": 1,
+    "roughness": 1,
+    "motion": 2,
+    "prim": 1,
+    "barycentric": 2,
+    "emission": 3,
+}
+"""Images that camera rays give, and their channels: a G-buffer's, and the radiance emitted towards the camera."""
 
 
 def trace_gbuffer(
@@ -47,7 +64,9 @@ def trace_gbuffer(
     Raises:
         ValueError: If ``jitter`` is not two finite numbers.
 
-    Differentiable: no.
+    Differentiable: albedo, normal, position, depth and barycentric, in the scene's vertices, normals, texture
+    coordinates and albedo and in the camera's tensors; which triangle a pixel sees is a choice
+    (:mod:`fovden.tracer.gradient`). Without progress it is the operator ``fovden::trace_visible``, and compiles.
 
     Example:
         >>> from fovden.tracer import make_scene
@@ -66,33 +85,82 @@ def trace_visible(
     progress: parallel.Progress = None,
 ) -> tuple[GBuffer, Tensor]:
     """Returns the G-buffer, and the radiance that each pixel's surface or surroundings emit, (v, 3, h, w)."""
-    jitter_x, jitter_y = (require_number("jitter", shift) for shift in jitter)
+    shift_x, shift_y = (require_number("jitter", shift) for shift in jitter)
     views = camera.views
+    parts = (views.origin.detach(), views.rotation.detach(), views.bounds.detach())
+    if progress is None:
+        images = torch.ops.fovden.trace_visible(scene.number, *parts, views.resolution, (shift_x, shift_y))
+    else:
+        images = _traced(scene, Camera(*parts, views.resolution), (shift_x, shift_y), progress)
+    fields = dict(zip(FIELDS, images, strict=True))
+    if is_differentiable(*_inputs(scene, views)):
+        for name, formula in seen_at(scene, views, (shift_x, shift_y), fields["prim"]).items():
+            fields[name] = attached(fields[name], formula)
+    emission, gbuffer = fields.pop("emission"), GBuffer(**fields)
+    if previous is not None:
+        gbuffer = replace(gbuffer, motion=motion_vectors(gbuffer, scene, views, previous, jitter=(shift_x, shift_y)))
+    return gbuffer, emission
+
+
+def _traced(
+    scene: Scene, views: Camera, jitter: tuple[float, float], progress: parallel.Progress
+) -> tuple[Tensor, ...]:
+    """The images of :data:`FIELDS`, from the kernel."""
+    images = _images(views.view_count, views.resolution)
+    fields = dict(zip(FIELDS, images, strict=True))
+    written = (image for name, image in fields.items() if name != "motion")
     height, width = views.resolution
-    count = views.view_count
-
-    def image(channels: int) -> Tensor:
-        return torch.empty(count, channels, height, width)
-
-    albedo, normal, position, depth, roughness, emission = image(3), image(3), image(3), image(1), image(1), image(3)
-    prim, barycentric = torch.empty(count, 1, height, width, dtype=torch.int32), image(2)
-    written = (albedo, normal, position, depth, roughness, prim, barycentric, emission)
     parallel.run(
         paths.trace_primary,
-        count * height * width,
+        views.view_count * -(-height // SIDE) * -(-width // SIDE),
         (
             *scene.kernel_arrays("uniform"),
             view_arrays(views),
-            np.float32(jitter_x + 0.5),
-            np.float32(jitter_y + 0.5),
+            np.float32(jitter[0] + 0.5),
+            np.float32(jitter[1] + 0.5),
             *(tensor.numpy() for tensor in written),
         ),
-        tile=PIXELS_PER_TILE,
+        tile=TILES_AT_ONCE,
         progress=progress,
         description="G-buffer",
     )
-    motion = torch.zeros(count, 2, height, width)
-    gbuffer = GBuffer(albedo, normal, position, depth, roughness, motion, prim, barycentric)
-    if previous is not None:
-        gbuffer = replace(gbuffer, motion=motion_vectors(gbuffer, scene, views, previous, jitter=(jitter_x, jitter_y)))
-    return gbuffer, emission
+    fields["motion"].zero_()
+    return images
+
+
+def _inputs(scene: Scene, views: Camera) -> tuple[Tensor | None, ...]:
+    """What the images of :data:`FIELDS` have derivatives in."""
+    materials = scene.materials
+    shapes = (scene.vertices, scene.normals, scene.uv)
+    return (*shapes, materials.albedo, materials.emission, views.origin, views.rotation, views.bounds)
+
+
+def _visible(
+    scene: int, origin: Tensor, rotation: Tensor, bounds: Tensor, resolution: Sequence[int], jitter: Sequence[float]
+) -> tuple[Tensor, ...]:
+    height, width = resolution
+    views = Camera(origin.cpu(), rotation.cpu(), bounds.cpu(), (height, width))
+    return _traced(scene_of(scene), views, (jitter[0], jitter[1]), None)
+
+
+def _like_visible(
+    _scene: int, origin: Tensor, _rotation: Tensor, _bounds: Tensor, resolution: Sequence[int], _jitter: object
+) -> tuple[Tensor, ...]:
+    return _images(origin.shape[0], resolution)
+
+
+def _images(views: int, resolution: Sequence[int]) -> tuple[Tensor, ...]:
+    """Images of :data:`FIELDS` to be written."""
+    types = {"prim": torch.int32}
+    return tuple(
+        torch.empty(views, channels, *resolution, dtype=types.get(name, torch.float32))
+        for name, channels in FIELDS.items()
+    )
+
+
+define_operator(
+    "fovden::trace_visible(int scene, Tensor origin, Tensor rotation, Tensor bounds, int[] resolution, float[] jitter)"
+    f" -> ({', '.join(f'Tensor {name}' for name in FIELDS)})",
+    _visible,
+    _like_visible,
+)

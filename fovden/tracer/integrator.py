@@ -7,10 +7,9 @@ scatter on both sides; emission leaves on the geometric normal's.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
-import numpy as np
 import torch
 
 from fovden import parallel
@@ -19,16 +18,17 @@ from fovden.checks import require, require_integer
 from fovden.foveation.sample_map import SampleMap
 from fovden.frame import Frame
 from fovden.rng import Stream
-from fovden.tracer.arrays import LightChoice, view_arrays
+from fovden.tracer.arrays import LightChoice
 from fovden.tracer.gbuffer import trace_visible
-from fovden.tracer.kernels import paths
-from fovden.tracer.kernels.path import TAPE, Setting
+from fovden.tracer.gradient import attached, is_differentiable
+from fovden.tracer.kernels.path import Setting
+from fovden.tracer.points import surface_points
 from fovden.tracer.scene import Scene
 from fovden.tracer.sequence import Instant
+from fovden.tracer.shading import Listed, run_paths, shaded
 
 __all__ = ["Integrator", "Sampler", "trace_frame"]
 
-PIXELS_PER_TILE = 1024
 NEVER = 1 << 30
 
 Sampler = Literal["independent"]
@@ -114,7 +114,11 @@ def trace_frame(
     Raises:
         ValueError: If the scene has no light, the sample map is for another camera, or an argument is out of range.
 
-    Differentiable: no. Source: the 2023 paper, section 3.4; units and conventions as in :mod:`fovden.camera`.
+    Differentiable: light in the materials' albedo and emission along the same paths (:mod:`fovden.tracer.light_paths`),
+    which then are traced twice; the G-buffer as :func:`trace_gbuffer` says. Light has no derivative in geometry. For
+    the lights of ``scene.lights``, textures and less memory see :func:`fovden.tracer.record_paths`.
+
+    Source: the 2023 paper, section 3.4; units and conventions as in :mod:`fovden.camera`.
 
     Example:
         >>> from fovden.tracer import make_scene
@@ -144,34 +148,13 @@ def trace_frame(
         layer, gaze = torch.zeros(shape, dtype=torch.int32), None
         coordinates = counts[:, 0].nonzero().to(torch.int32)
     gbuffer, emission = trace_visible(scene, views, jitter, previous)
-    direct, indirect = torch.zeros(views.view_count, 3, height, width), torch.zeros(views.view_count, 3, height, width)
-    luminance_squared = torch.zeros(shape)
-    listed = coordinates.long()
-    parallel.run(
-        paths.trace_listed,
-        len(coordinates),
-        (
-            *scene.kernel_arrays(integrator.lights),
-            view_arrays(views),
-            np.float32(jitter[0] + 0.5),
-            np.float32(jitter[1] + 0.5),
-            gbuffer.prim.numpy(),
-            gbuffer.barycentric.numpy(),
-            emission.numpy(),
-            coordinates.contiguous().numpy(),
-            counts[listed[:, 0], 0, listed[:, 1], listed[:, 2]].contiguous().numpy(),
-            integrator.setting(seed, Stream.PATH),
-            direct.numpy(),
-            indirect.numpy(),
-            luminance_squared.numpy(),
-            torch.zeros(0, integrator.bounces + 1, TAPE).numpy(),
-            torch.zeros(1, dtype=torch.int64).numpy(),
-        ),
-        tile=PIXELS_PER_TILE,
-        progress=progress,
-        description="paths",
+    at = coordinates.long()
+    listed = Listed(coordinates, coordinates, torch.zeros(0, 3), counts[at[:, 0], 0, at[:, 1], at[:, 2]])
+    seen, setting = (gbuffer.prim, gbuffer.barycentric, emission), integrator.setting(seed, Stream.PATH)
+    direct, indirect, luminance_squared = run_paths(
+        scene, views, jitter, listed, seen, integrator.lights, setting, progress=progress
     )
-    return Frame(
+    frame = Frame(
         direct=direct,
         indirect=indirect,
         emission=emission * (counts > 0),
@@ -184,6 +167,17 @@ def trace_frame(
         jitter=(float(jitter[0]), float(jitter[1])),
         index=index,
         seed=seed,
+    )
+    if not is_differentiable(scene.materials.albedo, scene.materials.emission):
+        return frame
+    points = surface_points(frame, coordinates)
+    light = shaded(scene, points, integrator.lights, setting, taped=True).shade()
+    square = light.luminance_squared[:, None]
+    return replace(
+        frame,
+        direct=attached(direct, points.image(light.direct)),
+        indirect=attached(indirect, points.image(light.indirect)),
+        luminance_squared=attached(luminance_squared, points.image(square)),
     )
 
 

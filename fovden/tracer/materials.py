@@ -15,9 +15,9 @@ __all__ = ["MODELS", "Material", "Materials", "Model"]
 
 Triple = tuple[float, float, float]
 
-Model = Literal["lambert", "oren_nayar", "ggx", "metallic_roughness"]
-"""How light is reflected, see :mod:`fovden.tracer.kernels.bsdf`: by a perfectly diffuse surface; by a rough one;
-by microfacets of a metal; or by glTF's mixture of a metal and a coated diffuse surface."""
+Model = Literal["lambert", "oren_nayar", "ggx", "metallic_roughness", "ggx_separable"]
+"""How light is reflected, see :mod:`fovden.tracer.bsdf`: by a perfectly diffuse surface; by a rough one; by microfacets
+of a metal; by glTF's mixture of a metal and a coated diffuse surface; by Mitsuba's microfacets of a metal."""
 
 MODELS: tuple[Model, ...] = get_args(Model)
 """The models in the order of their numbers in ``Materials.model``."""
@@ -40,7 +40,7 @@ class Material:
         texture: Reflectance image, uint8 with the sRGB curve, shape (h, w, 3), top row first; ``None`` for plain.
         model: How it reflects.
         roughness: In [0, 1]. ``"lambert"`` ignores it. ``"oren_nayar"``: standard deviation of the facets' slope
-            angle, radians. ``"ggx"`` and ``"metallic_roughness"``: the square root of the distribution's width.
+            angle, radians. Others: the square root of the distribution's width.
         metallic: Share of metal in ``"metallic_roughness"``, in [0, 1].
         surface: Image of factors to roughness and metallic, uint8, linear, shape (h, w, 2); ``None`` for plain.
         opacity: Image of the opacity, uint8, shape (h, w); ``None`` for an opaque surface.

@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -16,11 +17,12 @@ import numpy.typing as npt
 import torch
 
 from fovden.camera import StereoCamera
+from fovden.checks import require
 from fovden.tracer.formats.gltf import gltf_parts, read_gltf_header
 from fovden.tracer.formats.obj import read_obj
 from fovden.tracer.formats.scene_file import DEFAULT_ALBEDO, Floats, Integers, SceneFileError, SceneParts, fans
 from fovden.tracer.lights import Light
-from fovden.tracer.materials import Material, Materials
+from fovden.tracer.materials import MODELS, Material, Materials, Model
 from fovden.tracer.scene import Scene
 
 __all__ = ["SceneFileError", "load_scene"]
@@ -33,20 +35,23 @@ def load_scene(
     camera: StereoCamera | None = None,
     skip_materials: Sequence[str] = (),
     name: str | None = None,
+    model: Model | None = None,
 ) -> Scene:
     r"""Returns the scene of an OBJ, glTF, GLB or PLY file.
 
     Every triangle of the file is kept, those of zero area too, in the file's order. Lengths are taken as metres and
     y as up. What each format gives:
 
-    - OBJ: reflectance ``Kd`` times ``map_Kd``, emission ``Ke``; :func:`fovden.tracer.formats.obj.read_obj` says how
-      the scene's vertices follow from the file's, and :class:`fovden.tracer.formats.mtl.MtlMaterial` what is ignored.
-    - glTF and GLB: base colour, emission, point and directional lights, the first camera and further views;
-      :func:`fovden.tracer.formats.gltf.gltf_parts` says how they are translated.
+    - OBJ: reflectance ``Kd`` times ``map_Kd``, emission ``Ke``, cut-outs ``map_d``, roughness ``Pr`` and metallic
+      ``Pm`` with their images, and without these Lambert's surfaces; :func:`fovden.tracer.formats.obj.read_obj` says
+      how the scene's vertices follow from the file's, and :class:`fovden.tracer.formats.mtl.MtlMaterial` what is
+      ignored.
+    - glTF and GLB: base colour, metallic, roughness, emission, cut-outs by alpha, point and directional lights, the
+      first camera and further views; :func:`fovden.tracer.formats.gltf.gltf_parts` says how they are translated.
     - PLY: positions, normals and polygons, which become fans around their first corner; one material, grey with
       ``DEFAULT_ALBEDO``. Colours and images are ignored. Polygons of a binary file must all have as many corners.
 
-    Surfaces are opaque: cut-outs (``map_d``, alpha) and glass are not read as such, hence ``skip_materials``.
+    Glass is not read as such but as an opaque surface, hence ``skip_materials``.
 
     Args:
         path: The file; its name's end says the format.
@@ -55,6 +60,7 @@ def load_scene(
         skip_materials: Patterns of names of materials whose faces are left out, such as ``["*glass*"]``; ``*``
             stands for anything, and upper and lower case count as equal.
         name: The scene's name; ``None`` for the file's name without its ending.
+        model: How all materials reflect, whatever the file says, such as ``"lambert"``; ``None`` for what it says.
 
     Returns:
         The scene. ``scene.materials`` has the materials that are left, in the order of their first face.
@@ -62,6 +68,7 @@ def load_scene(
     Raises:
         FileNotFoundError: If the file, a material library or an image is not there.
         SceneFileError: If a file's content cannot be used, or there is no face (left).
+        ValueError: If ``model`` is unknown.
 
     Warns:
         UserWarning: Where something that shows is left out, such as a spot light or the place of an image.
@@ -81,6 +88,7 @@ def load_scene(
         raise SceneFileError(f"{path}: expected a file that ends in {', '.join(readers)}")
     if not path.is_file():
         raise FileNotFoundError(f"{path}: there is no such file")
+    require(model is None or model in MODELS, "model", model, f"one of {', '.join(MODELS)}")
     patterns = [skip_materials] if isinstance(skip_materials, str) else list(skip_materials)
     with _one_clear_error(path):
         parts = readers[path.suffix.lower()](path)
@@ -98,6 +106,7 @@ def load_scene(
         order = np.argsort(first)
         materials = [parts.material(int(index)) for index in values[order]]
         ids = np.argsort(order)[ids]
+        materials = [material if model is None else replace(material, model=model) for material in materials]
         _require_reflectance(path, materials)
         given: dict[str, Any] = {
             "normals": None if parts.normals is None else torch.from_numpy(_unit(parts.normals)),
@@ -154,6 +163,10 @@ def _require_reflectance(path: Path, materials: Sequence[Material]) -> None:
             raise SceneFileError(
                 f"{path}: material '{material.name}': expected reflectances from 0 to 1, got {material.albedo}"
             )
+        if not (0 <= material.roughness <= 1 and 0 <= material.metallic <= 1):
+            numbers = f"{material.roughness} and {material.metallic}"
+            expected = "expected roughness and metallic from 0 to 1"
+            raise SceneFileError(f"{path}: material '{material.name}': {expected}, got {numbers}")
         if not all(0 <= value < np.inf for value in material.emission):
             raise SceneFileError(
                 f"{path}: material '{material.name}': expected radiances of at least 0, got {material.emission}"
@@ -175,7 +188,8 @@ def _texture_coordinates(
     without = np.ones(len(parts.vertices), dtype=bool) if parts.uv is None else np.any(np.isnan(parts.uv), axis=1)
     bare = np.any(without[faces], axis=1)
     for i, material in enumerate(materials):
-        count = int((bare & (ids == i)).sum()) if material.texture is not None else 0
+        mapped = any(image is not None for image in (material.texture, material.surface, material.opacity))
+        count = int((bare & (ids == i)).sum()) if mapped else 0
         if count:
             message = f"{count} faces of the textured material '{material.name}' have no texture coordinates"
             warnings.warn(f"{path}: {message}; they show the image's lower left corner", stacklevel=3)

@@ -19,11 +19,13 @@ from fovden.checks import ShapeError, require, require_finite, require_shapes
 from fovden.io.files import FilePath
 from fovden.preview import never_raising
 from fovden.tracer.arrays import LightChoice, geometry_arrays, light_table
-from fovden.tracer.bvh import Bvh, Hits, Tree, build_bvh, build_tree, intersect, occluded, refit_bvh
+from fovden.tracer.bvh import Backend, Bvh, Hits, Tree, build_bvh, build_tree, intersect, occluded, refit_bvh
 from fovden.tracer.formats import write_gltf, write_obj
+from fovden.tracer.gradient import attached, corners_at, hits_at, is_differentiable
 from fovden.tracer.kernels.surface import GeometryArrays
 from fovden.tracer.lights import Light
 from fovden.tracer.materials import Materials
+from fovden.tracer.operators import number_of
 from fovden.tracer.scene_card import scene_card
 from fovden.tracer.trajectory import CameraPath
 
@@ -49,6 +51,7 @@ class Scene:
         views: Other views worth seeing, by name.
         path: A walk through the scene, or ``None``.
         name: For messages, files and tables.
+        number: How operators find the scene within this process; given, not chosen.
 
     Example:
         >>> from fovden.tracer import make_scene
@@ -69,6 +72,7 @@ class Scene:
     views: Mapping[str, StereoCamera] = field(default_factory=dict)
     path: CameraPath | None = None
     name: str = field(default="scene")
+    number: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         sizes = require_shapes("n 3", vertices=self.vertices)
@@ -91,6 +95,7 @@ class Scene:
         object.__setattr__(self, "material_ids", self.material_ids.to(torch.int32).contiguous())
         object.__setattr__(self, "lights", tuple(self.lights))
         object.__setattr__(self, "views", MappingProxyType(dict(self.views)))
+        object.__setattr__(self, "number", number_of(self))
 
     @property
     def triangle_count(self) -> int:
@@ -102,9 +107,15 @@ class Scene:
         """The acceleration structure, built when first asked for."""
         if self._same_geometry is not None:
             return self._same_geometry.bvh
+        cutouts = self._has_cutout[self.material_ids.long()]
         if self._same_surfaces is not None:
-            return refit_bvh(self._same_surfaces._tree, self.vertices, self.faces)
-        return build_bvh(self.vertices, self.faces)
+            return refit_bvh(self._same_surfaces._tree, self.vertices, self.faces, cutouts)
+        return build_bvh(self.vertices, self.faces, cutouts)
+
+    @property
+    def _has_cutout(self) -> Tensor:
+        """Which materials have holes, shape (k)."""
+        return self.materials.opacity >= 0
 
     @cached_property
     def _tree(self) -> Tree:
@@ -168,16 +179,29 @@ class Scene:
         same: Scene | None = self.__dict__.get("_surfaces_of")
         return same
 
-    def intersect(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Hits:
+    def intersect(
+        self,
+        origins: Tensor,
+        directions: Tensor,
+        t_max: Tensor | None = None,
+        *,
+        cutouts: bool = True,
+        backend: Backend = "kernels",
+    ) -> Hits:
         """Returns the closest hit of each ray with 0 < t < t_max; see :func:`fovden.tracer.intersect`.
 
         Args:
             origins: Starting points in metres, shape (n, 3).
             directions: Directions of any length but zero, shape (n, 3).
             t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+            cutouts: Whether rays pass through the holes that opacity images cut, as the rays of paths do.
+            backend: Who traces, ``"kernels"`` or ``"torch"``: the same bits.
 
         Returns:
-            The hits; ``prim`` indexes ``faces``.
+            The hits, on the rays' device; ``prim`` indexes ``faces``.
+
+        Differentiable: t, u and v, in ``vertices``, ``origins`` and ``directions``; which triangle is hit is a choice
+        (:mod:`fovden.tracer.gradient`). With the kernels it is the operator ``fovden::intersect``, and compiles.
 
         Example:
             >>> from fovden.tracer import make_scene
@@ -185,18 +209,40 @@ class Scene:
             >>> scene.intersect(torch.tensor([[2.78, 2.73, -8.0]]), torch.tensor([[0.0, 0.0, 1.0]])).t > 8
             tensor([True])
         """
-        return intersect(self.bvh, origins, directions, t_max)
+        if backend == "kernels":
+            require_shapes("n 3", origins=origins, directions=directions)
+            rays = (origins.detach(), directions.detach(), t_max)
+            hits = Hits(*torch.ops.fovden.intersect(self.number, *rays, cutouts))
+        else:
+            hits = intersect(self.bvh, origins, directions, t_max, self.holes(cutouts), backend=backend)
+        if not is_differentiable(self.vertices, origins, directions):
+            return hits
+        corners = corners_at(self.vertices, self.faces, hits.prim.to(self.faces.device))
+        formulas = hits_at(corners.to(origins.device), origins.float(), directions.float())
+        hit = hits.prim >= 0
+        t, u, v = (attached(*pair) for pair in zip(hits[:3], (torch.where(hit, f, 0) for f in formulas), strict=True))
+        return Hits(t, u, v, hits.prim)
 
-    def occluded(self, origins: Tensor, directions: Tensor, t_max: Tensor | None = None) -> Tensor:
+    def occluded(
+        self,
+        origins: Tensor,
+        directions: Tensor,
+        t_max: Tensor | None = None,
+        *,
+        cutouts: bool = True,
+        backend: Backend = "kernels",
+    ) -> Tensor:
         """Returns whether any triangle lies on each ray with 0 < t < t_max; see :func:`fovden.tracer.occluded`.
 
         Args:
             origins: Starting points in metres, shape (n, 3).
             directions: Directions of any length but zero, shape (n, 3).
             t_max: End of each ray in units of its direction, shape (n); ``None`` means infinite.
+            cutouts: Whether rays pass through the holes that opacity images cut, as the rays of paths do.
+            backend: Who traces, ``"kernels"`` (the operator ``fovden::occluded``) or ``"torch"``.
 
         Returns:
-            Booleans of shape (n).
+            Booleans of shape (n), on the rays' device.
 
         Example:
             >>> from fovden.tracer import make_scene
@@ -204,7 +250,28 @@ class Scene:
             >>> scene.occluded(torch.tensor([[2.78, 2.73, -8.0]]), torch.tensor([[0.0, 1.0, 0.0]]))
             tensor([False])
         """
-        return occluded(self.bvh, origins, directions, t_max)
+        if backend != "kernels":
+            return occluded(self.bvh, origins, directions, t_max, self.holes(cutouts), backend=backend)
+        require_shapes("n 3", origins=origins, directions=directions)
+        rays = (origins.detach(), directions.detach(), t_max)
+        blocked: Tensor = torch.ops.fovden.occluded(self.number, *rays, cutouts)
+        return blocked
+
+    def holes(self, cutouts: bool = True) -> tuple[Any, ...] | None:
+        """Returns where rays look up holes; ``None`` where there are none, or none that matter.
+
+        Args:
+            cutouts: Whether they matter.
+
+        Returns:
+            The scene's arrays, or ``None``.
+
+        Example:
+            >>> from fovden.tracer import make_scene
+            >>> make_scene("cornell_box").holes() is None
+            True
+        """
+        return self._geometry_arrays if cutouts and bool(self._has_cutout.any()) else None
 
     def view(self, name: str | None = None) -> StereoCamera:
         """Returns the scene's camera, or one of its other views.
@@ -288,6 +355,7 @@ class Scene:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state | {"views": MappingProxyType(state["views"])})
+        object.__setattr__(self, "number", number_of(self))
 
     def export(self, path: FilePath) -> list[Path]:
         """Writes geometry, materials, lights and cameras to files that other renderers read.

@@ -9,7 +9,7 @@ import math
 import torch
 from torch import Tensor
 
-from fovden.tracer import Material, Materials, Scene
+from fovden.tracer import DirectionalLight, EnvironmentLight, Material, Materials, PointLight, Scene
 
 Mesh = tuple[Tensor, Tensor]
 
@@ -104,3 +104,28 @@ def scene_of(mesh: Mesh, *materials: Material, **attributes: object) -> Scene:
     vertices, faces = mesh
     chosen = attributes.pop("material_ids", torch.zeros(len(faces), dtype=torch.int32))
     return Scene(vertices, faces, chosen, Materials.of(materials or (GREY,)), **attributes)
+
+
+def lit_room(**attributes: object) -> Scene:
+    """A ball of metal in an open, textured room, with every kind of light: a lamp, a point, a sun and a bright sky."""
+    walls, room = box((2, 2, 2), (4.0, 3.0, 4.0))
+    points, ball = sphere(2)
+    vertices = torch.cat([rounded(walls), rounded(points, 0.5, (0.1, -0.3, 0.0))])
+    faces = torch.cat([room[:-4], ball + len(walls)])  # the side towards the camera is half open
+    material_ids = torch.cat([torch.zeros(len(room) - 4), torch.ones(len(ball))]).int()
+    material_ids[4:6] = 2
+    image = torch.randint(0, 256, (4, 5, 3), generator=generator(1), dtype=torch.uint8)
+    sky = 0.2 + torch.rand(3, 3, 6, generator=generator(3))
+    lights = PointLight((0.5, 1.0, 1.0), 3.0), DirectionalLight((0.3, -1.0, -2.0), 0.5), EnvironmentLight(sky)
+    given = {
+        "uv": 2 * torch.rand(len(vertices), 2, generator=generator(2)),
+        "material_ids": material_ids,
+        "lights": lights,
+    }
+    return scene_of(
+        (vertices, faces),
+        Material("plaster", (0.9, 0.8, 0.7), texture=image),
+        Material("metal", (0.8, 0.6, 0.4), model="metallic_roughness", roughness=0.6, metallic=0.7),
+        Material("lamp", (0.1, 0.2, 0.1), (5.0, 4.0, 3.0)),
+        **(given | attributes),
+    )

@@ -25,6 +25,7 @@ from fovden.tracer import (
     trace_frame,
     trace_gbuffer,
 )
+from fovden.tracer.materials import MODELS
 from fovden.tracer.meshes import load_scene
 
 mitsuba = pytest.importorskip("mitsuba", reason="Mitsuba 3 is not installed")
@@ -118,14 +119,25 @@ def shapes_of(scene, folder):
                 "filename": str(path),
                 "face_normals": not curved,
                 "flip_tex_coords": True,  # (0, 0) is an image's lower left corner
-                "bsdf": {
-                    "type": "twosided",
-                    "bsdf": {"type": "diffuse", "reflectance": reflectance(scene, number, folder)},
-                },
+                "bsdf": {"type": "twosided", "bsdf": bsdf_of(scene, number, folder)},
             }
             if scene.materials.emission[number].amax() > 0:
                 shapes[path.stem]["emitter"] = {"type": "area", "radiance": rgb(scene.materials.emission[number])}
     return shapes
+
+
+def bsdf_of(scene, number, folder):
+    """The material as Mitsuba's own, or as a plugin of :mod:`mitsuba_bsdfs` where it has none like it."""
+    tables = scene.materials
+    model = MODELS[int(tables.model[number])]
+    if model == "lambert":
+        return {"type": "diffuse", "reflectance": reflectance(scene, number, folder)}
+    roughness, metallic = float(tables.roughness[number]), float(tables.metallic[number])
+    if model == "ggx_separable":
+        assert (tables.albedo[number] == 1).all(), "Mitsuba's Fresnel term is Schlick's only where all is reflected"
+        return {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": roughness**2}
+    albedo = dict(zip(("red", "green", "blue"), tables.albedo[number].tolist(), strict=True))
+    return {"type": "fovden", "model": model, "roughness": roughness, "metallic": metallic, **albedo}
 
 
 def reflectance(scene, number, folder):

@@ -10,8 +10,8 @@ from fovden.camera import Gaze, StereoCamera
 from fovden.foveation import SampleMap
 from fovden.tracer import EnvironmentLight, Material, PointLight, accumulate_reference, trace_frame, trace_gbuffer
 from fovden.tracer import gbuffer as gbuffer_module
-from fovden.tracer import integrator as integrator_module
 from fovden.tracer import reference as reference_module
+from fovden.tracer import shading as shading_module
 
 CAMERA = StereoCamera.look_at((0.2, 0.1, 1.8), (0.0, -0.2, 0.0), fov_y_deg=70, resolution=(24, 30))
 TILES = [1, 7, 1000, 10**6]
@@ -71,7 +71,7 @@ def assert_same_bits(one, other):
 
 
 def set_tiles(monkeypatch, tile):
-    for module in (gbuffer_module, integrator_module, reference_module):
+    for module in (gbuffer_module, shading_module, reference_module):
         monkeypatch.setattr(module, "PIXELS_PER_TILE", tile)
 
 

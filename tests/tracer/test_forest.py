@@ -11,6 +11,7 @@ from fovden.tracer.bvh import build_bvh
 from fovden.tracer.procedural import make_scene
 from fovden.tracer.procedural.detail import Detail
 from fovden.tracer.procedural.forest.ground import Discs, terrain
+from fovden.tracer.procedural.forest.leaves import leaf
 
 UP = np.array([0.0, 1.0, 0.0])
 
@@ -122,6 +123,26 @@ def test_materials_reflect_like_wood_moss_and_stone():
             textured += 1
         assert 0.02 < float(mean.mean()) < 0.5 or name == "wax", name
     assert textured >= 15
+
+
+def test_leaves_are_cut_out_of_their_triangles():
+    """Random points of the two triangles, their texels by hand: the outline fills most, and next to none is lost."""
+    materials, leaf_mesh = forest().materials, leaf()
+    rng = np.random.default_rng(6)
+    corners, weights = leaf_mesh.uv[leaf_mesh.faces], rng.dirichlet(np.ones(3), (2, 20_000))
+    u, v = np.einsum("tkc,tcx->xtk", weights, corners)
+    for name in ("oak leaf", "ash leaf", "dead leaf"):
+        number = materials.names.index(name)
+        image = materials.opacities[int(materials.opacity[number])].numpy()
+        height, width = image.shape
+        rows, columns = ((1 - v) * height).astype(int), (u * width).astype(int)
+        inside = image[rows.clip(0, height - 1), columns.clip(0, width - 1)] >= 255 * float(materials.cutoff[number])
+        assert 0.6 < inside.mean() < 0.8
+        kept = inside.mean() * 0.5  # the triangles cover half of the image
+        assert kept > 0.97 * (image >= 128).mean(), "what lies outside the triangles is missing from the leaf"
+        assert (image[[0, -1]] < 128).mean() > 0.9
+    cut = {name for name, image in zip(materials.names, materials.opacity.tolist(), strict=True) if image >= 0}
+    assert cut == {"oak leaf", "ash leaf", "dead leaf"}
 
 
 def test_another_seed_grows_another_wood_around_the_same_shrine():

@@ -194,7 +194,7 @@ def test_both_eyes_in_one_dispatch(monkeypatch):
     scene.bvh  # noqa: B018  built before the count starts
     counts.clear()
     both = trace_gbuffer(scene, views)
-    assert counts == [2 * RESOLUTION[0] * RESOLUTION[1]]
+    assert counts == [2 * -(-RESOLUTION[0] // 4) * -(-RESOLUTION[1] // 4)]  # in tiles of four by four pixels
     for eye in range(2):
         alone = Camera(*(getattr(views, n)[eye : eye + 1] for n in ("origin", "rotation", "bounds")), views.resolution)
         single = trace_gbuffer(scene, alone)

@@ -31,7 +31,7 @@ def test_colours_are_exact_floats(tmp_path):
 
 
 def test_one_number_is_grey_and_keywords_ignore_case(tmp_path):
-    materials = load(tmp_path, "KD 0.25\nKe 3\nNs 10\nillum 2\nmap_Bump lost.png\nmap_d lost.png\n").materials
+    materials = load(tmp_path, "KD 0.25\nKe 3\nNs 10\nillum 2\nmap_Bump lost.png\nmap_Ks lost.png\n").materials
     assert materials.albedo.tolist() == [[0.25, 0.25, 0.25]]
     assert materials.emission.tolist() == [[3, 3, 3]]
 

@@ -77,44 +77,48 @@ def test_at_rest_it_is_the_structure_that_is_built():
     assert all(torch.equal(a.view(torch.int32), b.view(torch.int32)) for a, b in zip(built, fitted, strict=True))
 
 
-def test_boxes_hold_their_triangles_and_cost_is_their_area():
-    """Node by node in NumPy, from a plain walk of the tree."""
-    before, after, faces = travelled(1.0)
-    tree = build_tree(before, faces)
-    boxes = np.empty_like(tree.node_boxes)
+def refitted(before, after, faces, *, moved):
+    """The binary tree of the triangles in one place, fitted to them in another: boxes, and what rays cost."""
+    tree = build_tree(before, faces).binary
+    fitted = tree._replace(node_boxes=np.zeros_like(tree.node_boxes))
     corners = after[faces.long()].numpy()
-    bounds = np.concatenate([corners.min(1), corners.max(1)], 1)
-    refit.refit(bounds, tree.order, boxes, tree.left, tree.first, tree.count, len(boxes))
+    refit.refit(fitted, np.concatenate([corners.min(1), corners.max(1)], 1), moved)
+    return fitted, refit.cost_of(fitted, fitted.node_boxes), refit.cost_of(fitted, tree.node_boxes)
 
-    def triangles(node):
+
+def test_boxes_hold_their_triangles_and_cost_is_their_area():
+    """Node by node in NumPy, from a plain walk of the tree, with all triangles moved: pieces have no boxes then."""
+    before, after, faces = travelled(1.0)
+    tree, found_cost, _ = refitted(before, after, faces, moved=np.ones(len(faces), bool))
+    corners = after[faces.long()].numpy()
+
+    def nodes(node):
         if tree.count[node] > 0:
-            return list(tree.order[tree.first[node] : tree.first[node] + tree.count[node]])
-        return triangles(tree.left[node]) + triangles(tree.left[node] + 1)
+            return [node]
+        return [node, *nodes(tree.left[node]), *nodes(tree.left[node] + 1)]
 
     cost = 0.0
-    for node, found in enumerate(boxes):
-        inside = corners[triangles(node)].reshape(-1, 3)
-        assert np.array_equal(found, np.concatenate([inside.min(0), inside.max(0)]))
+    for node in nodes(0):
+        leaves = [each for each in nodes(node) if tree.count[each] > 0]
+        runs = [tree.order[tree.first[leaf] : tree.first[leaf] + tree.count[leaf]] for leaf in leaves]
+        inside = corners[np.concatenate(runs)].reshape(-1, 3)
+        assert np.array_equal(tree.node_boxes[node], np.concatenate([inside.min(0), inside.max(0)]))
         x, y, z = (inside.max(0) - inside.min(0)).astype(float)
         cost += x * y + y * z + z * x  # leaves hold at most eight triangles, so every node counts once
-    assert sorted(triangles(0)) == list(range(len(faces)))
+    assert set(tree.order) == set(range(len(faces)))
     # Each half area is rounded five times in float32, the sum of positive numbers in float64.
-    assert abs(refit.cost_of(boxes, tree.count, len(boxes)) / cost - 1) < 5 * 2.0**-24
+    assert abs(found_cost / cost - 1) < 5 * 2.0**-24
 
 
 def test_a_tree_that_would_cost_rays_more_is_built_anew():
     kept = []
     for share in np.linspace(0, 0.5, 11):
         before, after, faces = scattered(float(share))
-        tree = build_tree(before, faces)
-        boxes = np.empty_like(tree.node_boxes)
-        corners = after[faces.long()].numpy()
-        bounds = np.concatenate([corners.min(1), corners.max(1)], 1)
-        refit.refit(bounds, tree.order, boxes, tree.left, tree.first, tree.count, len(boxes))
-        costs = [refit.cost_of(each, tree.count, len(boxes)) for each in (tree.node_boxes, boxes)]
-        kept.append(costs[1] <= DEARER * costs[0])
+        moved = (before != after).any(1)[faces.long()].any(1).numpy()
+        _, cost, cost_before = refitted(before, after, faces, moved=moved)
+        kept.append(cost <= DEARER * cost_before)
         built = build_bvh(before if kept[-1] else after, faces)
-        assert torch.equal(triangles_of(refit_bvh(tree, after, faces)), triangles_of(built))
+        assert torch.equal(triangles_of(refit_bvh(build_tree(before, faces), after, faces)), triangles_of(built))
     assert kept[0]
     assert kept[1]
     assert not kept[-1]

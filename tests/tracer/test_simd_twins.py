@@ -11,71 +11,112 @@ import torch
 from builders import generator, soup
 
 from fovden.jit import kernel, vectorised
-from fovden.simd import bits_of, load_int32, pointer_to, stack_floats, trailing_zeros
+from fovden.simd import advanced, bits_of, load_int32, pointer_to, store_int32, trailing_zeros
 from fovden.tracer import build_bvh, intersect, occluded
-from fovden.tracer.kernels.boxes import hit_boxes_plain, hit_boxes_vector, slab_ray
-from fovden.tracer.kernels.layout import BLOCK_SIZE, CHILDREN, NODE_SIZE, RESULTS_SIZE, UPPER, WIDTH
-from fovden.tracer.kernels.triangles import any_triangle_vector, hit_triangles_plain, hit_triangles_vector, sheared_ray
+from fovden.tracer.kernels import boxes
+from fovden.tracer.kernels.layout import (
+    BLOCK_SIZE,
+    CHILDREN,
+    NODE_SIZE,
+    RAY_SIZE,
+    RESULTS_SIZE,
+    UPPER,
+    WIDTH,
+)
+from fovden.tracer.kernels.rays import prepare
+from fovden.tracer.kernels.triangles import hit_triangles_plain, hit_triangles_vector
 
+permutes = pytest.mark.skipif(not boxes.has_permutation(), reason="the processor does not permute eight lanes")
 SPECIAL = torch.tensor(
     [0.0, -0.0, 1.0, -1.0, 0.5, 2.0, 3.4e38, -3.4e38, 1e-38, 1e-45, -1e-45, torch.inf, -torch.inf, torch.nan]
 )
 COUNT = 20_000
 
 
-@kernel
-def boxes_by_vector(nodes, rays, t_max, masks, keys):
-    for i in range(len(rays)):
-        r = rays[i]
-        ray = slab_ray(r[0], r[1], r[2], r[3], r[4], r[5])
-        masks[i] = hit_boxes_vector(pointer_to(nodes), i * NODE_SIZE, ray, t_max[i], pointer_to(keys[i]))
+def over_items(question):
+    """A kernel that asks a question about item i of nodes or blocks, for each of the rays."""
+
+    @kernel
+    def run(memory, size, rays, masks, answers):
+        for i in range(len(rays)):
+            masks[i] = question(pointer_to(memory), i * size, pointer_to(rays[i]), pointer_to(answers[i]))
+
+    return run
 
 
 @kernel
-def boxes_by_plain(nodes, rays, t_max, masks, keys):
-    for i in range(len(rays)):
-        r = rays[i]
-        ray = slab_ray(r[0], r[1], r[2], r[3], r[4], r[5])
-        masks[i] = hit_boxes_plain(pointer_to(nodes), i * NODE_SIZE, ray, t_max[i], pointer_to(keys[i]))
+def boxes_by_vector(nodes, base, ray, answer):
+    return boxes.hit_boxes_vector(nodes, base, ray, answer)
 
 
 @kernel
-def triangles_by_vector(blocks, rays, t_max, masks, results):
-    scratch = stack_floats(RESULTS_SIZE)
-    for i in range(len(rays)):
-        r = rays[i]
-        ray = sheared_ray(r[0], r[1], r[2], r[3], r[4], r[5])
-        masks[i] = hit_triangles_vector(pointer_to(blocks), i * BLOCK_SIZE, ray, t_max[i], scratch)
-        for k in range(RESULTS_SIZE):
-            results[i, k] = scratch[k]
+def boxes_by_plain(nodes, base, ray, answer):
+    return boxes.hit_boxes_plain(nodes, base, ray, answer)
 
 
 @kernel
-def triangles_by_plain(blocks, rays, t_max, masks, results):
-    scratch = stack_floats(RESULTS_SIZE)
-    for i in range(len(rays)):
-        r = rays[i]
-        ray = sheared_ray(r[0], r[1], r[2], r[3], r[4], r[5])
-        masks[i] = hit_triangles_plain(pointer_to(blocks), i * BLOCK_SIZE, ray, t_max[i], scratch)
-        for k in range(RESULTS_SIZE):
-            results[i, k] = scratch[k]
+def nearest_by_vector(nodes, base, ray, answer):
+    return boxes.push_nearest_vector(nodes, base, ray, answer, advanced(answer, 16), 3)
 
 
 @kernel
-def any_by_vector(blocks, rays, t_max, masks):
-    scratch = stack_floats(RESULTS_SIZE)
-    for i in range(len(rays)):
-        r = rays[i]
-        ray = sheared_ray(r[0], r[1], r[2], r[3], r[4], r[5])
-        masks[i] = any_triangle_vector(pointer_to(blocks), i * BLOCK_SIZE, ray, t_max[i], scratch)
+def nearest_by_plain(nodes, base, ray, answer):
+    return boxes.push_nearest_plain(nodes, base, ray, answer, advanced(answer, 16), 3)
 
 
 @kernel
-def scalars(numbers, integers, zeros, bits, loaded):
+def likeliest_by_vector(nodes, base, ray, answer):
+    return boxes.push_likeliest_vector(nodes, base, ray, answer, advanced(answer, 16), 3)
+
+
+@kernel
+def likeliest_by_plain(nodes, base, ray, answer):
+    return boxes.push_likeliest_plain(nodes, base, ray, answer, advanced(answer, 16), 3)
+
+
+@kernel
+def triangles_by_vector(blocks, base, ray, answer):
+    return hit_triangles_vector(blocks, base, ray, answer)
+
+
+@kernel
+def triangles_by_plain(blocks, base, ray, answer):
+    return hit_triangles_plain(blocks, base, ray, answer)
+
+
+@kernel
+def drop_by_vector(distances, stacks, limits, tops):
+    for i in range(len(limits)):
+        pair, top = (pointer_to(distances[i]), pointer_to(stacks[i])), np.int64(0)
+        for first in range(0, tops[i], WIDTH):
+            top = boxes.drop_far_vector(pair[0], pair[1], first, top, tops[i], limits[i])
+        tops[i] = top
+
+
+@kernel
+def drop_by_plain(distances, stacks, limits, tops):
+    for i in range(len(limits)):
+        pair, top = (pointer_to(distances[i]), pointer_to(stacks[i])), np.int64(0)
+        for first in range(0, tops[i], WIDTH):
+            top = boxes.drop_far_plain(pair[0], pair[1], first, top, tops[i], limits[i])
+        tops[i] = top
+
+
+@kernel
+def prepare_all(numbers, t_max, rays):
+    for i in range(len(numbers)):
+        r = numbers[i]
+        prepare(pointer_to(rays[i]), r[0], r[1], r[2], r[3], r[4], r[5], t_max[i])
+
+
+@kernel
+def scalars(numbers, integers, zeros, bits, loaded, stored, sums):
     for i in range(len(numbers)):
         zeros[i] = trailing_zeros(integers[i])
         bits[i] = bits_of(numbers[i])
         loaded[i] = load_int32(pointer_to(numbers), i)
+        store_int32(pointer_to(stored), i, integers[i])
+        sums[i] = boxes.multiply_add(numbers[i], np.float32(4.0), np.float32(0.0))
 
 
 def numbers(shape, special, seed):
@@ -86,28 +127,73 @@ def numbers(shape, special, seed):
     return torch.where(torch.rand(shape, generator=random) < special, chosen, values)
 
 
-def rays_and_limits(special, seed):
-    return numbers((COUNT, 6), special, seed), numbers((COUNT,), special, seed + 1).abs() * 4
+def prepared_rays(special, seed):
+    rays = torch.zeros(COUNT, RAY_SIZE)
+    limits = numbers((COUNT,), special, seed + 1).abs() * 4
+    prepare_all(numbers((COUNT, 6), special, seed).numpy(), limits.numpy(), rays.numpy())
+    return rays
 
 
-@pytest.mark.parametrize("special", [0.0, 0.05, 0.5])
-def test_boxes(special):
+def random_nodes(special):
     nodes = numbers((COUNT, NODE_SIZE), special, seed=1)
     lower, upper = nodes[:, :UPPER].clone(), nodes[:, UPPER:CHILDREN].clone()
     if special < 0.1:  # ordinary boxes, but for the special numbers; a tenth of them without extent
         nodes[:, :UPPER], nodes[:, UPPER:CHILDREN] = torch.minimum(lower, upper), torch.maximum(lower, upper)
         nodes[: COUNT // 10, UPPER:CHILDREN] = nodes[: COUNT // 10, :UPPER]
-    codes = torch.randint(-(2**31), 2**31 - 1, (COUNT, WIDTH), generator=generator(2))
-    nodes.view(torch.int32)[:, CHILDREN : CHILDREN + WIDTH] = codes.int()
-    rays, t_max = rays_and_limits(special, seed=3)
+    nodes.view(torch.int32)[:, CHILDREN:] = torch.randint(
+        -(2**31), 2**31 - 1, (COUNT, 16), generator=generator(2)
+    ).int()
+    return nodes
+
+
+@pytest.mark.parametrize("special", [0.0, 0.05, 0.5])
+def test_boxes(special):
+    nodes, rays = random_nodes(special), prepared_rays(special, seed=3)
     outcomes = []
-    for run in (boxes_by_vector, boxes_by_plain):
-        masks, keys = torch.zeros(COUNT, dtype=torch.int32), torch.zeros(COUNT, WIDTH, dtype=torch.int64)
-        run(nodes.numpy(), rays.numpy(), t_max.numpy(), masks.numpy(), keys.numpy())
-        outcomes.append((masks, keys))
+    for question in (boxes_by_vector, boxes_by_plain):
+        masks, distances = torch.zeros(COUNT, dtype=torch.int32), torch.zeros(COUNT, WIDTH * 2)
+        over_items(question)(nodes.numpy(), NODE_SIZE, rays.numpy(), masks.numpy(), distances.numpy())
+        outcomes.append((masks, distances.view(torch.int32)))
     assert torch.equal(outcomes[0][0], outcomes[1][0])
     assert torch.equal(outcomes[0][1], outcomes[1][1])
     assert len(outcomes[0][0].unique()) > 100
+
+
+@permutes
+@pytest.mark.parametrize("special", [0.0, 0.05, 0.5])
+@pytest.mark.parametrize(
+    "questions",
+    [(nearest_by_vector, nearest_by_plain), (likeliest_by_vector, likeliest_by_plain)],
+    ids=["nearest", "likeliest"],
+)
+def test_children_on_stacks(special, questions):
+    nodes, rays = random_nodes(special), prepared_rays(special, seed=3)
+    outcomes = []
+    for question in questions:
+        tops, stacks = torch.zeros(COUNT, dtype=torch.int64), torch.zeros(COUNT, 32)
+        over_items(question)(nodes.numpy(), NODE_SIZE, rays.numpy(), tops.numpy(), stacks.numpy())
+        # What lies above the top is whatever either twin leaves there.
+        used = (torch.arange(16) < tops[:, None]).repeat(1, 2)
+        outcomes.append((tops, torch.where(used, stacks.view(torch.int32), 0)))
+    assert torch.equal(outcomes[0][0], outcomes[1][0])
+    assert torch.equal(outcomes[0][1], outcomes[1][1])
+    assert set(range(3, 10)) <= set(outcomes[0][0].tolist())
+
+
+@permutes
+def test_far_children_leave_stacks():
+    random = generator(13)
+    distances, limits = torch.rand(COUNT, 48, generator=random), torch.rand(COUNT, generator=random)
+    stacks = torch.randint(-(2**31), 2**31 - 1, (COUNT, 48), generator=random).int().view(torch.float32)
+    tops = torch.randint(0, 40, (COUNT,), generator=random)
+    near = (distances <= limits[:, None]) & (torch.arange(48) < tops[:, None])
+    for run in (drop_by_vector, drop_by_plain):
+        left = distances.clone(), stacks.clone(), tops.clone()
+        run(left[0].numpy(), left[1].numpy(), limits.numpy(), left[2].numpy())
+        assert torch.equal(left[2], near.sum(1))
+        used = torch.arange(48) < left[2][:, None]
+        assert torch.equal(left[0][used], distances[near])
+        assert torch.equal(left[1].view(torch.int32)[used], stacks.view(torch.int32)[near])
 
 
 @pytest.mark.parametrize("special", [0.0, 0.02, 0.5])
@@ -115,21 +201,18 @@ def test_triangles(special):
     blocks = numbers((COUNT, BLOCK_SIZE), special, seed=4)
     corners = blocks[:, : 9 * WIDTH].view(COUNT, 3, 3, WIDTH)
     corners[: COUNT // 10, 1] = corners[: COUNT // 10, 0]  # lines
-    rays, t_max = rays_and_limits(special, seed=5)
+    rays = prepared_rays(special, seed=5)
     outcomes = []
-    for run in (triangles_by_vector, triangles_by_plain):
+    for question in (triangles_by_vector, triangles_by_plain):
         masks, results = torch.zeros(COUNT, dtype=torch.int32), torch.zeros(COUNT, RESULTS_SIZE)
-        run(blocks.numpy(), rays.numpy(), t_max.numpy(), masks.numpy(), results.numpy())
+        over_items(question)(blocks.numpy(), BLOCK_SIZE, rays.numpy(), masks.numpy(), results.numpy())
         outcomes.append((masks, results))
     masks = outcomes[0][0]
     assert torch.equal(masks, outcomes[1][0])
     hit = (masks[:, None] >> torch.arange(WIDTH) & 1 > 0).repeat(1, 3)
     assert int(hit.sum()) > 100
     # Lanes that are not hit hold what either twin happens to leave there.
-    assert torch.equal(*(results.view(torch.int32)[hit] for _, results in outcomes))
-    alone = torch.zeros_like(masks)
-    any_by_vector(blocks.numpy(), rays.numpy(), t_max.numpy(), alone.numpy())
-    assert torch.equal(alone, masks)
+    assert torch.equal(*(results[:, : 3 * WIDTH].view(torch.int32)[hit] for _, results in outcomes))
 
 
 def test_scalars():
@@ -137,7 +220,11 @@ def test_scalars():
     integers = torch.randint(1, 2**31 - 1, (1000,), generator=generator(7)) & ~((1 << torch.arange(1000) % 31) - 1)
     integers = torch.where(integers == 0, -(2**31), integers).int()
     zeros, bits, loaded = (torch.zeros(1000, dtype=torch.int32) for _ in range(3))
-    scalars(values.numpy(), integers.numpy(), zeros.numpy(), bits.numpy(), loaded.numpy())
+    stored, sums = torch.zeros(2, 1000)
+    outputs = (zeros, bits, loaded, stored, sums)
+    scalars(values.numpy(), integers.numpy(), *(output.numpy() for output in outputs))
+    assert torch.equal(stored.view(torch.int32), integers)
+    assert torch.equal(sums.nan_to_num(7.0), (values * 4 + 0).nan_to_num(7.0))
     assert torch.equal(bits, values.view(torch.int32))
     assert torch.equal(loaded, bits)
     lowest = (integers.numpy().astype(np.int64) & -integers.numpy().astype(np.int64)).astype(np.float64)

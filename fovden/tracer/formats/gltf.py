@@ -8,29 +8,26 @@ would read wrongly are refused.
 
 from __future__ import annotations
 
-import functools
 import json
 import math
 import struct
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
-from torch import Tensor
 
 from fovden.camera import StereoCamera
 from fovden.io.images import load_image
+from fovden.tracer.formats.gltf_materials import materials_of, placing
 from fovden.tracer.formats.gltf_nodes import camera_of, extras_of, light_of
-from fovden.tracer.formats.scene_file import Floats, Integers, SceneFileError, SceneParts, read_texture, texture_of
+from fovden.tracer.formats.scene_file import Floats, Integers, SceneFileError, SceneParts
 from fovden.tracer.lights import EnvironmentLight, Light
-from fovden.tracer.materials import Material
 
 __all__ = ["gltf_parts", "read_gltf_header"]
 
-_TRIANGLES, _STRIP, _FAN, _FLOAT, _REPEAT = 4, 5, 6, 5126, 10497
+_TRIANGLES, _STRIP, _FAN, _FLOAT = 4, 5, 6, 5126
 _SUPPORTED = {"KHR_lights_punctual", "KHR_texture_transform", "EXT_texture_webp"}
 
 Json = dict[str, Any]
@@ -87,9 +84,10 @@ def gltf_parts(path: Path, header: Json, meshes: Sequence[Mapping[str, Any]]) ->
     the triangles' winding is turned round, so that the geometric normal keeps its side. V is flipped to have
     texture coordinate (0, 0) at the image's lower left, after ``KHR_texture_transform``.
 
-    The base colour (factor exactly as written, times the texture) becomes the reflectance, and the emissive factor
-    times ``emissiveStrength`` the emitted radiance. A primitive without material is white, the default of glTF 2.0
-    (3.9.2). Metalness, roughness, normal maps, alpha, vertex colours, skins and animations are ignored.
+    Base colour, metallic, roughness and their images become a ``"metallic_roughness"`` material, with holes where
+    ``alphaMode`` says so, and the emissive factor times ``emissiveStrength`` the emitted radiance;
+    :func:`fovden.tracer.formats.gltf_materials.materials_of` says more. A primitive without material has the default
+    of glTF 2.0 (3.9.2). Normal maps, occlusion, vertex colours, skins and animations are ignored.
     :mod:`fovden.tracer.formats.gltf_nodes` says how lights and cameras are translated. The first perspective camera
     becomes the scene's own, further ones its other views by their nodes' names; only what
     :func:`fovden.tracer.formats.gltf_writer.write_gltf` wrote may say otherwise, and have an environment.
@@ -107,8 +105,8 @@ def gltf_parts(path: Path, header: Json, meshes: Sequence[Mapping[str, Any]]) ->
         SceneFileError: If the file has what is not supported, or does not make sense.
 
     Warns:
-        UserWarning: For spot lights, orthographic cameras, emissive textures, images that do not repeat, and
-            primitives of points or lines, all of which are left out.
+        UserWarning: For spot lights, orthographic cameras, emissive textures, images that do not repeat, blending,
+            and primitives of points or lines, all of which are left out.
 
     Example:
         >>> header = {"nodes": [{"mesh": 0, "scale": [2, 2, 2]}], "scenes": [{"nodes": [0]}], "accessors":
@@ -118,7 +116,7 @@ def gltf_parts(path: Path, header: Json, meshes: Sequence[Mapping[str, Any]]) ->
         array([2., 0., 0.])
     """
     surfaces = _surfaces(path, header, meshes)
-    pictures: dict[int, Any] = {}
+    decoded: dict[int, Any] = {}
     chunks: list[tuple[Floats, Floats, Floats, Integers]] = []
     slots: list[int] = []
     lights: list[Light] = []
@@ -131,7 +129,7 @@ def gltf_parts(path: Path, header: Json, meshes: Sequence[Mapping[str, Any]]) ->
             slots.append(material)
             first += len(vertices)
             if material >= 0 and "visual" in surface:
-                pictures[material] = getattr(surface["visual"].material, "baseColorTexture", None)
+                decoded[material] = surface["visual"].material
         extension = node.get("extensions", {}).get("KHR_lights_punctual")
         if extension is not None:
             light = header["extensions"]["KHR_lights_punctual"]["lights"][extension["light"]]
@@ -147,7 +145,7 @@ def gltf_parts(path: Path, header: Json, meshes: Sequence[Mapping[str, Any]]) ->
         faces=np.concatenate([chunk[3] for chunk in chunks]),
         material_ids=np.repeat(np.array(slots, np.int64) + 1, [len(chunk[3]) for chunk in chunks]),
         names=("default", *(str(material.get("name", f"material {i}")) for i, material in enumerate(materials))),
-        material=_materials(path, header, pictures),
+        material=materials_of(path, header, decoded),
         normals=np.concatenate([chunk[1] for chunk in chunks]),
         uv=np.concatenate([chunk[2] for chunk in chunks]),
         lights=(*lights, *_environment(path, header)),
@@ -246,17 +244,12 @@ def _arrays(
     if "NORMAL" in surface["names"]:
         normals = np.asarray(surface["vertex_normals"], dtype=np.float64)
     if "TEXCOORD_0" in surface["names"] and material >= 0:
-        uv = _placed(np.asarray(surface["visual"].uv, dtype=np.float64), _base_colour(header, material))
+        uv = _placed(np.asarray(surface["visual"].uv, dtype=np.float64), placing(header, material))
     if normals.shape != vertices.shape or uv.shape != (len(vertices), 2):
         raise SceneFileError(f"{path}: a primitive's attributes differ in length")
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise SceneFileError(f"{path}: a primitive of {len(vertices)} vertices has the index {faces.max()}")
     return vertices, normals, uv, faces
-
-
-def _base_colour(header: Json, material: int) -> Json:
-    """The texture info of a material's base colour, empty if it has none."""
-    return dict(header["materials"][material].get("pbrMetallicRoughness", {}).get("baseColorTexture", {}))
 
 
 def _placed(uv: Floats, info: Json) -> Floats:
@@ -314,60 +307,3 @@ def _environment(path: Path, header: Json) -> Iterator[EnvironmentLight]:
         yield EnvironmentLight(tuple(found["radiance"]))
     elif found is not None:
         yield EnvironmentLight(load_image(path.parent / found["file"])[0])
-
-
-def _materials(path: Path, header: Json, pictures: Mapping[int, Any]) -> Callable[[int], Material]:
-    """The function that makes the material of an index, 0 being the default; it decodes each image once."""
-
-    @functools.cache
-    def load(source: int, index: int) -> Tensor:
-        image = header["images"][source]
-        uri = image.get("uri", "")
-        if uri and not uri.startswith("data:"):
-            file = path.parent / unquote(uri)
-            if not file.is_file():
-                raise FileNotFoundError(f"{path}: image {source} ('{uri}') is not there ({file})")
-            return read_texture(file)
-        try:
-            return texture_of(pictures[index])
-        except Exception as error:
-            raise SceneFileError(f"{path}: the embedded image {source} cannot be decoded") from error
-
-    owners: dict[int, int] = {}
-
-    def texture(material: Json, index: int, info: Json) -> Tensor | None:
-        if not info:
-            return None
-        place = f"{path}: material '{material.get('name', index)}'"
-        transform = info.get("extensions", {}).get("KHR_texture_transform", {})
-        if transform.get("texCoord", info.get("texCoord", 0)) != 0:
-            raise SceneFileError(f"{place}: only the first set of texture coordinates is supported")
-        entry = header["textures"][info["index"]]
-        sampler = header["samplers"][entry["sampler"]] if "sampler" in entry else {}
-        if {sampler.get("wrapS", _REPEAT), sampler.get("wrapT", _REPEAT)} != {_REPEAT}:
-            warnings.warn(f"{place}: the image does not repeat in the file, but does here", stacklevel=4)
-        source = entry.get("extensions", {}).get("EXT_texture_webp", entry).get("source")
-        if source is None:
-            raise SceneFileError(f"{place}: texture {info['index']} has no image that can be read")
-        return load(source, owners.setdefault(source, index))
-
-    def make(slot: int) -> Material:
-        if slot == 0:
-            return Material("default", (1.0, 1.0, 1.0))
-        material = header["materials"][slot - 1]
-        name = str(material.get("name", f"material {slot - 1}"))
-        extensions = material.get("extensions", {})
-        surface = material.get("pbrMetallicRoughness", {})
-        red, green, blue, _ = map(float, surface.get("baseColorFactor", [1, 1, 1, 1]))
-        strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
-        r, g, b = (strength * float(x) for x in material.get("emissiveFactor", [0, 0, 0]))
-        if "emissiveTexture" in material:
-            message = f"{path}: material '{name}': the emissive image is not used, only its factor is"
-            warnings.warn(message, stacklevel=3)
-        for extension in ("KHR_materials_pbrSpecularGlossiness", "KHR_materials_unlit"):
-            if extension in extensions:
-                warnings.warn(f"{path}: material '{name}': {extension} is ignored", stacklevel=3)
-        image = texture(material, slot - 1, _base_colour(header, slot - 1))
-        return Material(name, (red, green, blue), (r, g, b), image)
-
-    return make

@@ -12,11 +12,13 @@ import warnings
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
 import numpy.typing as npt
+import torch
+from torch import Tensor
 
 from fovden.checks import require
 from fovden.io.files import FilePath, atomic_write
@@ -25,12 +27,16 @@ from fovden.tracer.formats.surfaces import (
     Surfaces,
     environment_entry,
     gather_surfaces,
+    metals,
     png_bytes,
+    roughnesses,
     save_environment,
     shortest,
     split_lights,
+    with_alpha,
 )
 from fovden.tracer.lights import DirectionalLight, PointLight
+from fovden.tracer.materials import MODELS, Materials
 
 if TYPE_CHECKING:
     from fovden.tracer.scene import Scene
@@ -44,6 +50,15 @@ _LARGEST = 2**32 - 1
 """Bytes of a GLB file: its header counts them in 32 bits."""
 
 Json = dict[str, Any]
+
+
+class _Picture(NamedTuple):
+    """An image of the file: a texture with an opacity, or factors to roughness and metallic, by number; -1 for none."""
+
+    texture: int
+    opacity: int
+    factors: int
+    whole: bool  # whether the metal is whole, whatever the factors say
 
 
 class _Buffer:
@@ -84,10 +99,12 @@ def write_gltf(path: FilePath, scene: Scene) -> list[Path]:
     of their own with the triangle's normal. Texture coordinates are left out where a material's are all zero and it
     has no image; v points down in glTF, v' = 1 - v.
 
-    A material is ``baseColorFactor`` (linear) times ``baseColorTexture`` (an embedded PNG with the sRGB curve),
-    without metal, of roughness 1, the nearest that glTF has to a Lambertian surface: its dielectric still reflects
-    4 %, which programs that can should turn off. Surfaces are double-sided; emission leaves on both sides there, on
-    that of the geometric normal here. Its radiance in W/(m^2 sr) is ``emissiveFactor`` times ``emissiveStrength``.
+    A material is ``baseColorFactor`` (linear) times ``baseColorTexture`` (an embedded PNG with the sRGB curve, and with
+    the opacity as its alpha where ``alphaMode`` is ``MASK``), and metallic and roughness with their image. Models that
+    glTF does not have are noted in the material's extras, and what other programs read comes near them: a metal for
+    microfacets, and for diffuse surfaces no metal and roughness 1, where glTF's dielectric still reflects 4 %, which
+    programs that can should turn off. Surfaces are double-sided; emission leaves on both sides there, on that of the
+    geometric normal here. Its radiance in W/(m^2 sr) is ``emissiveFactor`` times ``emissiveStrength``.
 
     :mod:`fovden.tracer.formats.gltf_nodes` says how cameras and lights are written: W/sr as candela, W/m^2 as lux, one
     to one. An environment light, constant or in an OpenEXR file beside this one, is named in the extras of the scene,
@@ -122,8 +139,9 @@ def write_gltf(path: FilePath, scene: Scene) -> list[Path]:
     header: Json = {"asset": {"version": "2.0", "generator": "fovden"}, "scene": 0}
     header |= {"scenes": [{"name": scene.name, "nodes": []}], "nodes": [{"name": scene.name, "mesh": 0}]}
     header["meshes"] = [{"name": scene.name, "primitives": _primitives(surfaces, buffer)}]
-    header["materials"] = _materials(scene, surfaces)
-    _add_textures(header, scene, buffer)
+    pictures = _pictures(scene.materials, surfaces)
+    header["materials"] = _materials(scene, surfaces, pictures)
+    _add_textures(header, scene.materials, pictures, buffer)
     _add_cameras(header, scene)
     lights, environment = split_lights(scene)
     _add_lights(header, lights)
@@ -179,17 +197,27 @@ def _primitives(surfaces: Surfaces, buffer: _Buffer) -> list[Json]:
     return primitives
 
 
-def _materials(scene: Scene, surfaces: Surfaces) -> list[Json]:
+def _materials(scene: Scene, surfaces: Surfaces, pictures: Sequence[_Picture]) -> list[Json]:
     """The materials that are used, in the order of the primitives."""
+    tables = scene.materials
+    metallic, roughness = shortest(metals(tables)), shortest(roughnesses(tables))
     entries = []
     for number, _ in surfaces.runs:
-        surface: Json = {"baseColorFactor": [*shortest(scene.materials.albedo[number]), 1.0]}
-        surface |= {"metallicFactor": 0.0, "roughnessFactor": 1.0}
-        texture = int(scene.materials.texture[number])
-        if texture >= 0:
-            surface["baseColorTexture"] = {"index": texture}
-        entry: Json = {"name": scene.materials.names[number], "pbrMetallicRoughness": surface, "doubleSided": True}
-        emission = shortest(scene.materials.emission[number])
+        surface: Json = {"baseColorFactor": [*shortest(tables.albedo[number]), 1.0]}
+        surface |= {"metallicFactor": metallic[number], "roughnessFactor": roughness[number]}
+        colour, factors = _pictures_of(tables, number)
+        if colour is not None:
+            surface["baseColorTexture"] = {"index": pictures.index(colour)}
+        if factors is not None:
+            surface["metallicRoughnessTexture"] = {"index": pictures.index(factors)}
+        entry: Json = {"name": tables.names[number], "pbrMetallicRoughness": surface, "doubleSided": True}
+        if tables.opacity[number] >= 0:
+            entry |= {"alphaMode": "MASK", "alphaCutoff": shortest(tables.cutoff[number : number + 1])[0]}
+        model = MODELS[int(tables.model[number])]
+        if model != "metallic_roughness":
+            own = {"metallic": tables.metallic[number : number + 1], "roughness": tables.roughness[number : number + 1]}
+            entry["extras"] = {"fovden": {"model": model, **{name: shortest(x)[0] for name, x in own.items()}}}
+        emission = shortest(tables.emission[number])
         strength = max(*emission, 1.0)
         if max(emission) > 0:
             entry["emissiveFactor"] = [value / strength for value in emission]
@@ -199,14 +227,47 @@ def _materials(scene: Scene, surfaces: Surfaces) -> list[Json]:
     return entries
 
 
-def _add_textures(header: Json, scene: Scene, buffer: _Buffer) -> None:
-    images = scene.materials.textures
-    if not images:
+def _pictures_of(tables: Materials, number: int) -> tuple[_Picture | None, _Picture | None]:
+    """The pictures of a material: of its base colour with its opacity, and of the factors to roughness and metallic."""
+    texture, opacity, factors = (int(table[number]) for table in (tables.texture, tables.opacity, tables.surface))
+    whole = MODELS[int(tables.model[number])] != "metallic_roughness"
+    colour = _Picture(texture, opacity, -1, False) if texture >= 0 or opacity >= 0 else None
+    return colour, _Picture(-1, -1, factors, whole) if factors >= 0 else None
+
+
+def _pictures(tables: Materials, surfaces: Surfaces) -> list[_Picture]:
+    """The pictures of all materials that are used, in the order of the textures; textures that none uses come along."""
+    found = [_Picture(i, -1, -1, False) for i in range(len(tables.textures)) if not bool(_cut(tables, i))]
+    for number, _ in surfaces.runs:
+        found += [picture for picture in _pictures_of(tables, number) if picture is not None and picture not in found]
+    return found
+
+
+def _cut(tables: Materials, texture: int) -> bool:
+    """Whether a texture is only used together with an opacity."""
+    users = tables.texture == texture
+    return bool(users.any()) and bool((tables.opacity[users] >= 0).all())
+
+
+def _drawn(tables: Materials, picture: _Picture) -> Tensor:
+    """A picture's texels."""
+    if picture.factors >= 0:
+        rough, metal = tables.surfaces[picture.factors].unbind(2)
+        full = torch.full_like(rough, 255)
+        return torch.stack([full, rough, full if picture.whole else metal], 2)
+    texture = tables.textures[picture.texture] if picture.texture >= 0 else None
+    if picture.opacity >= 0:
+        return with_alpha(texture, tables.opacities[picture.opacity])
+    return tables.textures[picture.texture]
+
+
+def _add_textures(header: Json, tables: Materials, pictures: Sequence[_Picture], buffer: _Buffer) -> None:
+    if not pictures:
         return
-    views = [buffer.view(png_bytes(image)) for image in images]
+    views = [buffer.view(png_bytes(_drawn(tables, picture))) for picture in pictures]
     header["images"] = [{"bufferView": view, "mimeType": "image/png"} for view in views]
     header["samplers"] = [{"magFilter": _LINEAR, "minFilter": _LINEAR, "wrapS": _REPEAT, "wrapT": _REPEAT}]
-    header["textures"] = [{"sampler": 0, "source": i} for i in range(len(images))]
+    header["textures"] = [{"sampler": 0, "source": i} for i in range(len(pictures))]
 
 
 def _add_cameras(header: Json, scene: Scene) -> None:

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from torch import Tensor
 
-from fovden.tracer.formats.scene_file import DEFAULT_ALBEDO, SceneFileError
-from fovden.tracer.materials import Material
+from fovden.tracer.formats.image_files import ImageFiles, alpha_of, cut_of, grey_of, visible
+from fovden.tracer.formats.scene_file import DEFAULT_ALBEDO, SceneFileError, texture_of
+from fovden.tracer.materials import CUTOFF, MODELS, Material
 
 __all__ = ["MtlMaterial", "logical_lines", "read_mtl"]
 
@@ -29,12 +29,18 @@ _FIXED_OPTIONS: dict[str, tuple[int, tuple[float, ...] | str | None]] = {
     "-boost": (1, None),
     "-cc": (1, "off"),
     "-clamp": (1, "off"),
-    "-imfchan": (1, None),
+    "-imfchan": (1, None),  # matters to map_d alone
     "-mm": (2, (0.0, 1.0)),
     "-texres": (1, None),
     "-type": (1, None),
 }
 _VECTOR_OPTIONS = {"-o": 0.0, "-s": 1.0, "-t": 0.0}
+
+_PHYSICAL = ("pr", "pm", "map_pr", "map_pm")
+
+NOTE = "#fovden"
+"""What :func:`fovden.tracer.formats.obj_writer.write_obj` adds to a material for us alone, a comment to others: pairs
+of a name and a value."""
 
 
 def logical_lines(text: str) -> list[str]:
@@ -82,7 +88,7 @@ class MtlMaterial:
 
     Example:
         >>> lamp = MtlMaterial("lamp", Path("a.mtl"), 1, {"kd": (2, "0.043014 0 0"), "ke": (3, "5 5 5")})
-        >>> lamp.material(lambda path: None).albedo
+        >>> lamp.material(ImageFiles()).albedo
         (0.043014, 0.0, 0.0)
     """
 
@@ -91,38 +97,86 @@ class MtlMaterial:
     line: int
     statements: dict[str, tuple[int, str]] = field(default_factory=dict)
 
-    def material(self, load: Callable[[Path], Tensor]) -> Material:
+    def material(self, files: ImageFiles) -> Material:
         """Returns the material that the tracer uses.
 
         The reflectance is ``Kd``, times the image of ``map_Kd`` where there is one, as the Wavefront specification
         demands. Without ``Kd`` the factor of an image is 1 and a plain reflectance ``DEFAULT_ALBEDO``. ``Ke`` is
-        the emitted radiance. Everything else (``Ks``, ``d``, ``map_d``, ``map_Bump``, ...) has no meaning for an
-        opaque Lambertian surface and is ignored.
+        the emitted radiance. With any of ``Pr``, ``Pm``, ``map_Pr`` and ``map_Pm`` (roughness and metallic, factors
+        and images of them; 1 and 0 by default, 1 for images) the material is ``"metallic_roughness"``, otherwise
+        Lambertian. ``map_d`` cuts holes where the opacity is below 0.5: the channel that ``-imfchan`` names; without,
+        alpha if it says anything, or else luma. ``d`` is its factor; by itself, the same all over, it cuts nothing,
+        since programs disagree whether 0 or 1 is clear. Everything else (``Ks``, ``map_Bump``, ...) is ignored.
 
         Args:
-            load: Decodes an image file.
+            files: Where images come from.
 
         Returns:
             The material.
 
         Raises:
-            FileNotFoundError: If the image is not there.
-            SceneFileError: If a statement has no usable values or the image cannot be decoded.
+            FileNotFoundError: If an image is not there.
+            SceneFileError: If a statement has no usable values or an image cannot be decoded.
 
         Warns:
-            UserWarning: If an option of ``map_Kd`` changes the image's place or values, which is not supported, or
-                if there is a ``map_Ke``: only ``Ke`` is used.
+            UserWarning: If an option of a map changes the image's place or values, which is not supported, or if
+                there is a ``map_Ke``: only ``Ke`` is used.
 
         Example:
-            >>> MtlMaterial("plain", Path("a.mtl"), 1).material(lambda path: None).albedo
+            >>> MtlMaterial("plain", Path("a.mtl"), 1).material(ImageFiles()).albedo
             (0.5, 0.5, 0.5)
         """
-        texture = self._texture(load)
+        image = self._image("map_kd")
+        texture = None if image is None else self._read(files, "map_kd", image)
         albedo = self._colour("kd", maximum=1) or (DEFAULT_ALBEDO if texture is None else (1.0, 1.0, 1.0))
         emission = self._colour("ke") or (0.0, 0.0, 0.0)
         if "map_ke" in self.statements:
             self._warn("map_ke", "the image is not used, only Ke is")
-        return Material(self.name, albedo, emission, texture)
+        note = self._note()
+        physical = any(key in self.statements for key in _PHYSICAL)
+        rough, metal = self._image("map_pr"), self._image("map_pm")
+        opacity, cutoff = self._opacity(files, float(note.get("cutoff", CUTOFF)))
+        return Material(
+            self.name,
+            albedo,
+            emission,
+            texture,
+            model=note.get("model", "metallic_roughness" if physical else "lambert"),  # type: ignore[arg-type]
+            roughness=float(note.get("roughness", self._number("pr", 1.0))),
+            metallic=float(note.get("metallic", self._number("pm", 0.0 if metal is None else 1.0))),
+            surface=self._pair(files, rough, metal),
+            opacity=opacity,
+            cutoff=cutoff,
+        )
+
+    def _note(self) -> dict[str, str]:
+        """What our own writer added, nothing in files of others."""
+        words = self.statements.get(NOTE, (0, ""))[1].split()
+        note = dict(zip(words[::2], words[1::2], strict=False))
+        if note.get("model", MODELS[0]) not in MODELS:
+            raise SceneFileError(self._where(NOTE) + f"expected a model of {', '.join(MODELS)}, got '{note['model']}'")
+        return note
+
+    def _opacity(self, files: ImageFiles, cutoff: float) -> tuple[Tensor | None, float]:
+        image = self._image("map_d")
+        if image is None:
+            return None, cutoff
+        return visible(self._read(files, "map_d", image), cutoff, self._number("d", 1.0))
+
+    def _pair(self, files: ImageFiles, rough: Path | None, metal: Path | None) -> Tensor | None:
+        if rough is None and metal is None:
+            return None
+        try:
+            return files.pair(rough, metal)
+        except SceneFileError as error:
+            raise SceneFileError(self._where("map_pr" if rough is not None else "map_pm") + str(error)) from error
+
+    def _number(self, key: str, default: float) -> float:
+        """A number from 0 to 1."""
+        if key not in self.statements:
+            return default
+        found = self._colour(key, maximum=1)
+        return default if found is None else found[0]
 
     def _colour(self, key: str, maximum: float = math.inf) -> Triple | None:
         if key not in self.statements:
@@ -141,23 +195,29 @@ class MtlMaterial:
         red, green, blue = values
         return red, green, blue
 
-    def _texture(self, load: Callable[[Path], Tensor]) -> Tensor | None:
-        if "map_kd" not in self.statements:
+    def _image(self, key: str) -> Path | None:
+        """The image file that a map statement names."""
+        if key not in self.statements:
             return None
-        text = self.statements["map_kd"][1]
-        name = self._skip_options(text)
+        name = self._skip_options(key)
         candidates = [self.path.parent / name, self.path.parent / name.replace("\\", "/")]
         path = next((candidate for candidate in candidates if _is_file(candidate)), None)
         if path is None:
-            raise FileNotFoundError(self._where("map_kd") + f"the image '{name}' is not there ({candidates[-1]})")
-        try:
-            return load(path.resolve())
-        except SceneFileError as error:
-            raise SceneFileError(self._where("map_kd") + str(error)) from error
+            raise FileNotFoundError(self._where(key) + f"the image '{name}' is not there ({candidates[-1]})")
+        return path.resolve()
 
-    def _skip_options(self, text: str) -> str:
+    def _read(self, files: ImageFiles, key: str, path: Path) -> Tensor:
+        words = self.statements[key][1].split()
+        channel = words[words.index("-imfchan") + 1] if "-imfchan" in words[:-1] else ""
+        convert = {"m": alpha_of, "l": grey_of}.get(channel, cut_of) if key == "map_d" else texture_of
+        try:
+            return files.read(path, convert)
+        except SceneFileError as error:
+            raise SceneFileError(self._where(key) + str(error)) from error
+
+    def _skip_options(self, key: str) -> str:
         """The file name after a map statement's options; a warning for those that are not neutral."""
-        rest = text
+        text = rest = self.statements[key][1]
         while rest.startswith("-"):
             words = rest.split()
             option = words[0]
@@ -168,17 +228,17 @@ class MtlMaterial:
                 count = [*numbers, False].index(False)
                 neutral = (_VECTOR_OPTIONS[option],) * count
             else:
-                raise SceneFileError(self._where("map_kd") + f"unknown option '{option}' in '{text}'")
+                raise SceneFileError(self._where(key) + f"unknown option '{option}' in '{text}'")
             values = words[1 : 1 + count]
             if isinstance(neutral, tuple):
                 harmless = [float(value) if _is_number(value) else None for value in values] == list(neutral)
             else:
                 harmless = neutral is None or values == [neutral]
             if not harmless:
-                self._warn("map_kd", f"the option '{' '.join([option, *values])}' is ignored")
+                self._warn(key, f"the option '{' '.join([option, *values])}' is ignored")
             rest = [*rest.split(None, 1 + count), *[""] * (2 + count)][1 + count]
         if not rest:
-            raise SceneFileError(self._where("map_kd") + f"'{text}' names no file")
+            raise SceneFileError(self._where(key) + f"'{text}' names no file")
         return rest
 
     def _where(self, key: str) -> str:
@@ -211,7 +271,7 @@ def read_mtl(path: Path) -> dict[str, MtlMaterial]:
         key, text = [*line.split(None, 1), "", ""][:2]
         if key == "newmtl":
             current = materials[text.strip()] = MtlMaterial(text.strip(), path, number)
-        elif current is not None and key and not key.startswith("#"):
+        elif current is not None and key and (key == NOTE or not key.startswith("#")):
             current.statements[key.lower()] = (number, text.strip())
     return materials
 

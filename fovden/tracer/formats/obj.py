@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fovden.tracer.formats.image_files import ImageFiles
 from fovden.tracer.formats.mtl import MtlMaterial, logical_lines, read_mtl, read_text
 from fovden.tracer.formats.scene_file import (
     DEFAULT_ALBEDO,
@@ -25,7 +26,6 @@ from fovden.tracer.formats.scene_file import (
     SceneFileError,
     SceneParts,
     fans,
-    read_texture,
 )
 from fovden.tracer.materials import Material
 
@@ -215,7 +215,7 @@ def _materials(
 
     ``uses`` holds each material's name (``None`` above the first ``usemtl``) and the line that first names it.
     """
-    load = functools.cache(read_texture)
+    files = ImageFiles()
 
     @functools.cache
     def library() -> dict[str, MtlMaterial]:
@@ -235,7 +235,7 @@ def _materials(
         if name not in library():
             listed = ", ".join(text for _, text in libraries)
             raise SceneFileError(f"{path}:{line}: the material '{name}' is not defined in {listed}")
-        return library()[name].material(load)
+        return library()[name].material(files)
 
     return make
 

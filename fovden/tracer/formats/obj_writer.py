@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import torch
+from torch import Tensor
 
 from fovden.camera import StereoCamera
 from fovden.checks import require
 from fovden.io.files import FilePath, atomic_write
+from fovden.tracer.formats.mtl import NOTE
 from fovden.tracer.formats.surfaces import (
     Surfaces,
     environment_entry,
@@ -25,6 +27,7 @@ from fovden.tracer.formats.surfaces import (
     split_lights,
 )
 from fovden.tracer.lights import PointLight
+from fovden.tracer.materials import CUTOFF, MODELS, Materials
 
 if TYPE_CHECKING:
     from fovden.tracer.scene import Scene
@@ -48,9 +51,11 @@ def write_obj(path: FilePath, scene: Scene) -> list[Path]:
     out where a material's are all zero and it has no image.
 
     In the library ``Kd`` is the linear reflectance, which multiplies the image of ``map_Kd`` (PNG with the sRGB curve),
-    and ``Ke`` the radiance in W/(m^2 sr), emitted on the side of the geometric normal. Other programs end a name at
-    white space and take one name for one material; so names are written with ``_`` for anything but letters, digits
-    and ``.+-``, and a number is added to a name that is taken.
+    and ``Ke`` the radiance in W/(m^2 sr), emitted on the side of the geometric normal. ``Pr`` and ``Pm`` are roughness
+    and metallic, which multiply the images of ``map_Pr`` and ``map_Pm``; diffuse surfaces have none. ``map_d`` is the
+    opacity. A comment ``#fovden`` tells our own reader what has no statement: other models, and cutoffs. Other programs
+    end a name at white space and take one name for one material; so names are written with ``_`` for anything but
+    letters, digits and ``.+-``, and a number is added to a name that is taken.
 
     The JSON file has ``camera`` and ``views`` (eye, target and up; both fields of view; height and width of one eye's
     image; for each eye, left first, ``camera_to_world``, a 4 x 4 matrix in rows that takes (right, up, backward), and
@@ -60,7 +65,8 @@ def write_obj(path: FilePath, scene: Scene) -> list[Path]:
 
     Args:
         path: The file, named ``*.obj``; its folder must exist. ``x.obj`` comes with ``x.mtl``, ``x.json``,
-            ``x_texture0.png``, ... and, for an environment that is an image, ``x_environment.exr``.
+            ``x_texture0.png``, ``x_opacity0.png``, ``x_roughness0.png``, ``x_metallic0.png``, ... and, for an
+            environment that is an image, ``x_environment.exr``.
         scene: The scene.
 
     Returns:
@@ -82,20 +88,22 @@ def write_obj(path: FilePath, scene: Scene) -> list[Path]:
     require(path.suffix.lower() == ".obj", "path", path, "a name that ends in .obj")
     require(len(path.name.splitlines()) == 1, "path", repr(path.name), "a name in one line (OBJ files name others)")
     library, sidecar = path.with_suffix(".mtl"), path.with_suffix(".json")
-    images = [path.with_name(f"{path.stem}_texture{i}.png") for i in range(len(scene.materials.textures))]
+    pictures = _pictures(path, scene.materials)
     surfaces = gather_surfaces(scene, every_normal=False)
     names = _unique_names([scene.materials.names[material] for material, _ in surfaces.runs])
     lights = _lights(path, scene)
     with ExitStack() as stack:  # leaves in reverse: the OBJ file, which names the others, takes its place last
-        obj, *others = (stack.enter_context(atomic_write(file)) for file in [path, sidecar, library, *reversed(images)])
-        for temporary, image in zip(others[2:], reversed(scene.materials.textures), strict=True):
+        obj, *others = (
+            stack.enter_context(atomic_write(file)) for file in [path, sidecar, library, *reversed(pictures)]
+        )
+        for temporary, image in zip(others[2:], reversed(pictures.values()), strict=True):
             temporary.write_bytes(png_bytes(image))
-        _write(others[1], _library(scene, surfaces, names, images))
+        _write(others[1], _library(path, scene, surfaces, names))
         described = _description(scene, lights, [scene.materials.names[i] for i, _ in surfaces.runs], names)
         _write(others[0], [json.dumps(described, indent=1, ensure_ascii=False)])
         _write(obj, _geometry(surfaces, names, library, sidecar))
         files = save_environment(path, split_lights(scene)[1])
-    return [*files, *images, library, sidecar, path]
+    return [*files, *pictures, library, sidecar, path]
 
 
 def _write(path: Path, texts: Iterable[str]) -> None:
@@ -145,17 +153,54 @@ def _lines(template: str, rows: npt.NDArray[Any]) -> Iterator[str]:
         yield (template * len(block)) % tuple(block.reshape(-1).tolist())
 
 
-def _library(scene: Scene, surfaces: Surfaces, names: Sequence[str], images: Sequence[Path]) -> Iterator[str]:
+def _pictures(path: Path, tables: Materials) -> dict[Path, Tensor]:
+    """Image files and their texels; an image of factors becomes two."""
+    found = {_image(path, "texture", i): image for i, image in enumerate(tables.textures)}
+    found |= {_image(path, "opacity", i): image for i, image in enumerate(tables.opacities)}
+    for i, image in enumerate(tables.surfaces):
+        found |= {_image(path, "roughness", i): image[..., 0], _image(path, "metallic", i): image[..., 1]}
+    return found
+
+
+def _image(path: Path, kind: str, number: int) -> Path:
+    return path.with_name(f"{path.stem}_{kind}{number}.png")
+
+
+def _library(path: Path, scene: Scene, surfaces: Surfaces, names: Sequence[str]) -> Iterator[str]:
     """The text of the material library."""
+    tables = scene.materials
     for name, (material, _) in zip(names, surfaces.runs, strict=True):
-        emission = scene.materials.emission[material]
-        texture = int(scene.materials.texture[material])
-        yield f"newmtl {name}\nillum 1\nKd {_triple(scene.materials.albedo[material])}\nKs 0 0 0\n"
+        emission, texture = tables.emission[material], int(tables.texture[material])
+        yield f"newmtl {name}\nillum 1\nKd {_triple(tables.albedo[material])}\nKs 0 0 0\n"
         if bool((emission > 0).any()):
             yield f"Ke {_triple(emission)}\n"
         if texture >= 0:
-            yield f"map_Kd {_listed(images[texture])}\n"
+            yield f"map_Kd {_listed(_image(path, 'texture', texture))}\n"
+        if tables.opacity[material] >= 0:
+            yield f"map_d {_listed(_image(path, 'opacity', int(tables.opacity[material])))}\n"
+        yield from _finish(path, tables, material)
         yield "\n"
+
+
+def _finish(path: Path, tables: Materials, material: int) -> Iterator[str]:
+    """How a material reflects: statements that others know, and a note of what has none."""
+    model, factors = MODELS[int(tables.model[material])], int(tables.surface[material])
+    roughness, metallic, cutoff = (
+        f"{shortest(table[material : material + 1])[0]:.9g}"
+        for table in (tables.roughness, tables.metallic, tables.cutoff)
+    )
+    if model not in ("lambert", "oren_nayar"):
+        mixed = model == "metallic_roughness"
+        yield f"Pr {roughness}\nPm {metallic if mixed else 1}\n"
+        if factors >= 0 and mixed:
+            yield f"map_Pm {_listed(_image(path, 'metallic', factors))}\n"
+    if factors >= 0 and model != "lambert":
+        yield f"map_Pr {_listed(_image(path, 'roughness', factors))}\n"
+    note = f" cutoff {cutoff}" if tables.opacity[material] >= 0 and float(tables.cutoff[material]) != CUTOFF else ""
+    if model not in ("lambert", "metallic_roughness"):
+        note += f" model {model} roughness {roughness} metallic {metallic}"
+    if note:
+        yield f"{NOTE}{note}\n"
 
 
 def _triple(colour: torch.Tensor) -> str:

@@ -17,7 +17,7 @@ from fovden.camera import StereoCamera
 from fovden.tracer.lights import Light
 from fovden.tracer.materials import Material
 
-__all__ = ["DEFAULT_ALBEDO", "SceneFileError", "SceneParts", "fans", "read_texture", "texture_of"]
+__all__ = ["DEFAULT_ALBEDO", "SceneFileError", "SceneParts", "fans", "read_image", "read_texture", "texture_of"]
 
 DEFAULT_ALBEDO = (0.5, 0.5, 0.5)
 """Reflectance of surfaces whose file gives none: the default of Mitsuba 3's ``diffuse`` BSDF."""
@@ -140,10 +140,34 @@ def read_texture(file: Any) -> Tensor:
         ...     read_texture(Path(folder, "orange.png")).shape
         torch.Size([2, 4, 3])
     """
+    return read_image(file, texture_of)
+
+
+def read_image(file: Any, convert: Callable[[Image.Image], Tensor]) -> Tensor:
+    """Returns what a function makes of an image file; errors are those of :func:`read_texture`.
+
+    Args:
+        file: A path, or a binary file object.
+        convert: Makes a tensor of the opened image.
+
+    Returns:
+        The tensor.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        SceneFileError: If it cannot be decoded; the message names the file.
+
+    Example:
+        >>> import io
+        >>> read_image(io.BytesIO(b"nothing"), texture_of)
+        Traceback (most recent call last):
+        ...
+        fovden.tracer.formats.scene_file.SceneFileError: embedded image: this image cannot be decoded ...
+    """
     name = file if isinstance(file, str | Path) else "embedded image"
     try:
         with Image.open(file) as image:
-            return texture_of(image)
+            return convert(image)
     except FileNotFoundError:
         raise
     except Exception as error:  # Pillow's decoders raise nearly everything

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from PIL import Image
 from torch import Tensor
 
@@ -15,6 +17,7 @@ from fovden.checks import require
 from fovden.io.images import save_image
 from fovden.tracer.formats.scene_file import Floats, Integers
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, PointLight
+from fovden.tracer.materials import MODELS, Materials
 
 if TYPE_CHECKING:
     from fovden.tracer.scene import Scene
@@ -23,10 +26,13 @@ __all__ = [
     "Surfaces",
     "environment_entry",
     "gather_surfaces",
+    "metals",
     "png_bytes",
+    "roughnesses",
     "save_environment",
     "shortest",
     "split_lights",
+    "with_alpha",
 ]
 
 Singles = npt.NDArray[np.float32]
@@ -92,7 +98,8 @@ def gather_surfaces(scene: Scene, *, every_normal: bool) -> Surfaces:
     starts = [0, *ends[:-1]]
     runs = tuple((int(i), slice(a, b)) for i, a, b in zip(used, starts, ends, strict=True))
     uv = np.concatenate([uv, uv[copied]])
-    mapped = (scene.materials.texture >= 0).tolist()
+    tables = scene.materials
+    mapped = ((tables.texture >= 0) | (tables.surface >= 0) | (tables.opacity >= 0)).tolist()
     for material, rows in runs:
         mapped[material] = mapped[material] or bool(uv[faces[rows]].any())
     normals, vertices = np.concatenate([normals, own]), np.concatenate([vertices, vertices[copied]])
@@ -113,7 +120,8 @@ def png_bytes(image: Tensor) -> bytes:
     """Returns an image as the bytes of a PNG file, its values as they are.
 
     Args:
-        image: Colours with the sRGB curve, uint8, shape (h, w, 3), top row first.
+        image: Colours with the sRGB curve, with or without alpha, or grey, uint8, shape (h, w, 3), (h, w, 4) or (h, w),
+            top row first.
 
     Returns:
         The file's content.
@@ -126,6 +134,57 @@ def png_bytes(image: Tensor) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(image.cpu().contiguous().numpy()).save(stream, format="PNG")
     return stream.getvalue()
+
+
+def with_alpha(texture: Tensor | None, opacity: Tensor) -> Tensor:
+    """Returns colours and opacity in one image, uint8, shape (h, w, 4); white without a texture.
+
+    Args:
+        texture: Colours, uint8, shape (h, w, 3).
+        opacity: Opacity, uint8, shape (h, w); resampled where its size is another than the texture's, with a warning.
+
+    Returns:
+        The image, of the texture's size where there is one.
+
+    Example:
+        >>> import torch
+        >>> with_alpha(None, torch.tensor([[7]], dtype=torch.uint8))
+        tensor([[[255, 255, 255,   7]]], dtype=torch.uint8)
+    """
+    if texture is None:
+        texture = torch.full((*opacity.shape, 3), 255, dtype=torch.uint8)
+    if texture.shape[:2] != opacity.shape:
+        height, width = texture.shape[:2]
+        message = f"an opacity image of {tuple(opacity.shape)} texels is resampled to those of its colours"
+        warnings.warn(f"{message}, {(height, width)}", stacklevel=4)
+        alpha = Image.fromarray(opacity.cpu().contiguous().numpy()).resize((width, height), Image.Resampling.BILINEAR)
+        opacity = torch.from_numpy(np.array(alpha))
+    return torch.cat([texture.cpu(), opacity.cpu()[..., None]], dim=2)
+
+
+def metals(materials: Materials) -> Tensor:
+    """Returns the metallic factors as formats of metallic-roughness have them: 1 for microfacets of a metal alone.
+
+    Example:
+        >>> from fovden.tracer import Material
+        >>> metals(Materials.of([Material("tin", (1, 1, 1), model="ggx"), Material("lime", (1, 1, 1))]))
+        tensor([1., 0.])
+    """
+    lone = [MODELS.index("ggx"), MODELS.index("ggx_separable")]
+    mixed = torch.where(materials.model == MODELS.index("metallic_roughness"), materials.metallic, 0.0)
+    return torch.where(torch.isin(materials.model, torch.tensor(lone)), 1.0, mixed)
+
+
+def roughnesses(materials: Materials) -> Tensor:
+    """Returns the roughness factors as formats of metallic-roughness have them: 1 for diffuse surfaces.
+
+    Example:
+        >>> from fovden.tracer import Material
+        >>> roughnesses(Materials.of([Material("tin", (1, 1, 1), model="ggx", roughness=0.5)]))
+        tensor([0.5000])
+    """
+    diffuse = [MODELS.index("lambert"), MODELS.index("oren_nayar")]
+    return torch.where(torch.isin(materials.model, torch.tensor(diffuse)), 1.0, materials.roughness.detach())
 
 
 def shortest(values: Tensor) -> list[float]:

@@ -1,111 +1,272 @@
 """One ray against the eight boxes of a node (slab test).
 
-Where a direction has a zero component its inverse is a true infinity; 0 * infinity = NaN, which a bound in the ray's
-own plane gives, is passed over by the order of the arguments of ``maximum`` and ``minimum``.
-
 The test never loses a triangle that ``triangles`` would hit. With u = 2^-24, o the origin, E the box's largest extent
 and a vertex v, the sheared coordinate x - o_x - s (z - o_z) is off by 2 u |v_x - o_x| + 5 u |s (v_z - o_z)| at most. A
 point p of the triangle that the rounded picture puts on the ray is thus up to 7 u (|p_x - o_x| + E) beside it. The part
 with E is covered by ``build``, which enlarges boxes by 8 u E. The part with p is a relative error of 7 u in the
-distance, to which (bound - origin) / direction adds three roundings: 2 (7 + 3) u between near and far, for which the
-far distance is enlarged by 32 u. (Ize, "Robust BVH ray traversal", JCGT 2(2), 2013, has the roundings of the slabs
-alone; Woop et al., see ``triangles``, enlarge the boxes for each ray.)
+distance.
+
+A bound b is met at (b - o) / d, computed as b i + a with i = 1 / d and a = -o i, fused or not. The roundings of i, a,
+the product (if not fused), the sum and the numbers below leave a relative error of 3 u in the result, and an absolute
+one of 5 u |a| at most: near distances get 8 u |a| less and far ones as much more, in ``a`` itself. Relative errors sum
+up to 2 (7 + 3) u between near and far, for which far distances are enlarged by 32 u, also beforehand. (Ize, "Robust BVH
+ray traversal", JCGT 2(2), 2013, has the roundings of the slabs alone; Woop et al., see ``triangles``, enlarge the boxes
+for each ray.)
+
+A component of the direction that is less than 2^-40 of the largest counts as that much: an error of 2^-16 u. Where the
+numbers overflow, infinity - infinity = NaN is passed over by the order of the arguments of ``maximum`` and ``minimum``.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from llvmlite.binding import get_host_cpu_features
+from numba import config, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from fovden.jit import Float, Int, inlined, vectorised
-from fovden.simd import F32, FLOATS, I32, I64, WORDS, Lanes, bits_of, load, load_int32, maximum, minimum, splat, store
-from fovden.tracer.kernels.layout import CHILDREN, UPPER, WIDTH
+from fovden.simd import (
+    F32,
+    FLOATS,
+    I32,
+    I64,
+    Lanes,
+    fused,
+    load,
+    load_int32,
+    maximum,
+    minimum,
+    splat,
+    store,
+    store_int32,
+)
+from fovden.tracer.kernels.layout import (
+    CHILDREN,
+    FAR,
+    FAR_AT,
+    LIMIT,
+    NEAR,
+    NEAR_AT,
+    NEAR_ROWS,
+    OCTANT,
+    ORDERS,
+    UPPER,
+    WIDTH,
+)
 
-FAR_SLACK = 1.0 + 2.0**-19
-ZERO, ONE = np.float32(0.0), np.float32(1.0)
-SLACK, INFINITY = np.float32(FAR_SLACK), np.float32(np.inf)
+ZERO = np.float32(0.0)
+BYTE, BYTES = ir.IntType(8), ir.VectorType(ir.IntType(8), WIDTH)
+EIGHT = ir.VectorType(I32, WIDTH)
 
 
-class SlabRay(NamedTuple):
-    """A ray prepared for boxes: origin, inverse direction, and for each axis the row of the bounds met first."""
-
-    ox: Float
-    oy: Float
-    oz: Float
-    ix: Float
-    iy: Float
-    iz: Float
-    near_x: Int
-    near_y: Int
-    near_z: Int
+def number(builder: Any, ray: Any, place: int) -> Any:
+    """A float32 of a ray, in all lanes."""
+    return splat(builder, builder.load(builder.gep(ray, [ir.Constant(I64, place)])), WIDTH)
 
 
-@inlined
-def slab_ray(ox: Float, oy: Float, oz: Float, dx: Float, dy: Float, dz: Float) -> SlabRay:
-    """Prepares a ray for :func:`hit_boxes`; the upper bounds come first along a negative direction."""
-    ix, iy, iz = ONE / dx, ONE / dy, ONE / dz
-    near_x = np.int64(UPPER if ix < ZERO else 0)
-    near_y = np.int64(WIDTH + (UPPER if iy < ZERO else 0))
-    near_z = np.int64(2 * WIDTH + (UPPER if iz < ZERO else 0))
-    return SlabRay(ox, oy, oz, ix, iy, iz, near_x, near_y, near_z)
+def integer(builder: Any, ray: Any, place: int) -> Any:
+    """An int32 of a ray, as an int64."""
+    pointer = builder.bitcast(builder.gep(ray, [ir.Constant(I64, place)]), I32.as_pointer())
+    return builder.sext(builder.load(pointer), I64)
+
+
+def _slabs(builder: Any, node: Any, ray: Any) -> tuple[Lanes, Lanes]:
+    """Where the ray enters and leaves the eight boxes, not before its origin and not beyond its limit."""
+    entry = splat(builder, ir.Constant(F32, 0.0), WIDTH)
+    leave = number(builder, ray, LIMIT)
+    for axis in range(3):
+        near, near_at, far, far_at = (number(builder, ray, k + axis) for k in (NEAR, NEAR_AT, FAR, FAR_AT))
+        row = integer(builder, ray, NEAR_ROWS + axis)
+        other = builder.sub(ir.Constant(I64, UPPER + 2 * WIDTH * axis), row)
+        entry = maximum(fused(load(builder, node, row, WIDTH), near, near_at), entry)
+        leave = minimum(fused(load(builder, node, other, WIDTH), far, far_at), leave)
+    return entry, leave
 
 
 @intrinsic
-def hit_boxes_vector(context: Any, nodes: Any, base: Any, ray: Any, t_max: Any, keys: Any) -> Any:
-    """Mask of the boxes of the node at ``base`` that the ray meets before ``t_max``; writes a key for every box.
-
-    A key has the bits of the entry distance above the child code. Distances are not negative, so that keys compare
-    as integers the way distances compare.
-    """
+def hit_boxes_vector(context: Any, nodes: Any, base: Any, ray: Any, distances: Any) -> Any:
+    """Mask of the boxes of the node at ``base`` that the ray meets within its limit; writes all entry distances."""
 
     def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        nodes, base, ray, t_max, keys = arguments
-        node = builder.gep(nodes, [base])
-        entry = splat(builder, ir.Constant(F32, 0.0), WIDTH)
-        leave = splat(builder, ir.Constant(F32, float("inf")), WIDTH)
-        for axis in range(3):
-            origin = splat(builder, builder.extract_value(ray, axis), WIDTH)
-            inverse = splat(builder, builder.extract_value(ray, 3 + axis), WIDTH)
-            near = builder.extract_value(ray, 6 + axis)
-            far = builder.sub(ir.Constant(I64, UPPER + 2 * WIDTH * axis), near)
-            entry = maximum((load(builder, node, near, WIDTH) - origin) * inverse, entry)
-            leave = minimum((load(builder, node, far, WIDTH) - origin) * inverse, leave)
-        leave = minimum(leave * FAR_SLACK, splat(builder, t_max, WIDTH))
-        wide = ir.VectorType(I64, WIDTH)
-        distance = builder.zext(builder.bitcast(entry.value, ir.VectorType(I32, WIDTH)), wide)
-        child = builder.zext(load(builder, node, CHILDREN, WIDTH, I32).value, wide)
-        key = builder.or_(builder.shl(distance, ir.Constant(wide, [32] * WIDTH)), child)
-        store(builder, Lanes(builder, key), keys)
+        nodes, base, ray, distances = arguments
+        entry, leave = _slabs(builder, builder.gep(nodes, [base]), ray)
+        store(builder, entry, distances)
         return (entry <= leave).bits()
 
-    return types.int32(FLOATS, types.int64, ray, types.float32, WORDS), generate
+    return types.int32(FLOATS, types.int64, FLOATS, FLOATS), generate
+
+
+@intrinsic
+def multiply_add(context: Any, a: Any, b: Any, c: Any) -> Any:
+    """A * b + c of float32 numbers, rounded as :func:`fovden.simd.fused` does."""
+
+    def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(F32, [F32] * 3)
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fmuladd.f32"), arguments)
+
+    return types.float32(types.float32, types.float32, types.float32), generate
 
 
 @inlined
-def hit_boxes_plain(nodes: Any, base: Int, ray: SlabRay, t_max: Float, keys: Any) -> Int:
+def entry_and_leave(nodes: Any, base: Int, ray: Any, lane: Int) -> tuple[Float, Float]:
+    """Where a ray enters and leaves one box."""
+    entry, leave = ZERO, ray[LIMIT]
+    for axis in range(3):
+        row = np.int64(load_int32(ray, NEAR_ROWS + axis))
+        other = UPPER + 2 * WIDTH * axis - row
+        first = multiply_add(nodes[base + row + lane], ray[NEAR + axis], ray[NEAR_AT + axis])
+        last = multiply_add(nodes[base + other + lane], ray[FAR + axis], ray[FAR_AT + axis])
+        entry = first if first > entry else entry
+        leave = last if last < leave else leave
+    return entry, leave
+
+
+@inlined
+def hit_boxes_plain(nodes: Any, base: Int, ray: Any, distances: Any) -> Int:
     """:func:`hit_boxes_vector`, one box after the other."""
     mask = np.int32(0)
-    for i in range(WIDTH):
-        entry, leave = ZERO, INFINITY
-        for origin, inverse, near, rows in (
-            (ray.ox, ray.ix, ray.near_x, UPPER),
-            (ray.oy, ray.iy, ray.near_y, UPPER + 2 * WIDTH),
-            (ray.oz, ray.iz, ray.near_z, UPPER + 4 * WIDTH),
-        ):
-            first = (nodes[base + near + i] - origin) * inverse
-            last = (nodes[base + rows - near + i] - origin) * inverse
-            entry = first if first > entry else entry
-            leave = last if last < leave else leave
-        leave = leave * SLACK
-        leave = leave if leave < t_max else t_max
-        keys[i] = (np.int64(bits_of(entry)) << 32) | (np.int64(load_int32(nodes, base + CHILDREN + i)) & 0xFFFFFFFF)
+    for lane in range(WIDTH):
+        entry, leave = entry_and_leave(nodes, base, ray, lane)
+        distances[lane] = entry
         if entry <= leave:
-            mask |= np.int32(1 << i)
+            mask |= np.int32(1 << lane)
     return mask
 
 
 hit_boxes = hit_boxes_vector if vectorised() else hit_boxes_plain
+
+
+# Stacks of distances and child codes that no branch decides about: for rays that are traced in turn (``streams``).
+
+
+def has_permutation() -> bool:
+    """Whether kernels are compiled for a processor that permutes eight lanes (AVX2)."""
+    if config.CPU_NAME or config.CPU_FEATURES:
+        return "+avx2" in (config.CPU_FEATURES or "").split(",")
+    return bool(get_host_cpu_features().get("avx2", False))
+
+
+def _permuted(lanes: Lanes, order: Any) -> Lanes:
+    """Lane i of the result is the one that the lowest three bits of the order's lane i name."""
+    kind, name = lanes.value.type, "permps" if lanes.value.type.element == F32 else "permd"
+    signature = ir.FunctionType(kind, [kind, order.type])
+    function = cgutils.get_or_insert_function(lanes.builder.module, signature, f"llvm.x86.avx2.{name}")
+    return Lanes(lanes.builder, lanes.builder.call(function, [lanes.value, order]))
+
+
+def _push(builder: Any, kept: Lanes, entry: Lanes, codes: Lanes, distances: Any, stack: Any, top: Any) -> Any:
+    """Writes the kept lanes side by side at ``top``, and something beyond; returns the new top."""
+    name = "fovden_kept_lanes"
+    if name not in builder.module.globals:
+        table = bytearray()
+        for mask in range(256):
+            marked = [lane for lane in range(WIDTH) if mask >> lane & 1]
+            table += bytes(marked + [0] * (WIDTH - len(marked)))
+        cgutils.global_constant(builder.module, name, ir.Constant(ir.ArrayType(BYTE, len(table)), table)).align = 8
+    bits = kept.bits()
+    table = builder.bitcast(builder.module.globals[name], BYTES.as_pointer())
+    order = builder.zext(builder.load(builder.gep(table, [builder.zext(bits, I64)]), align=8), EIGHT)
+    for lanes, pointer in ((entry, distances), (codes, stack)):
+        place = builder.bitcast(builder.gep(pointer, [top]), lanes.value.type.as_pointer())
+        builder.store(_permuted(lanes, order).value, place, align=4)
+    return builder.add(top, builder.zext(builder.ctpop(bits), I64))
+
+
+def _push_boxes(*, nearest: bool) -> Any:
+    @intrinsic
+    def push(context: Any, nodes: Any, base: Any, ray: Any, distances: Any, stack: Any, top: Any) -> Any:
+        def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            nodes, base, ray, distances, stack, top = arguments
+            node = builder.gep(nodes, [base])
+            entry, leave = _slabs(builder, node, ray)
+            codes = load(builder, node, CHILDREN, WIDTH, I32)
+            if nearest:
+                place = builder.gep(node, [builder.add(integer(builder, ray, OCTANT), ir.Constant(I64, ORDERS))])
+                packed = splat(builder, builder.load(builder.bitcast(place, I32.as_pointer())), WIDTH).value
+                order = builder.lshr(packed, ir.Constant(EIGHT, [4 * lane for lane in range(WIDTH)]))
+                entry, leave, codes = (_permuted(lanes, order) for lanes in (entry, leave, codes))
+            return _push(builder, entry <= leave, entry, codes, distances, stack, top)
+
+        return types.int64(FLOATS, types.int64, FLOATS, FLOATS, FLOATS, types.int64), generate
+
+    return push
+
+
+push_nearest_vector = _push_boxes(nearest=True)
+"""Puts the children of a node that a ray meets on its stack, the nearest, in the order of the ray's octant, on top.
+
+Called with the nodes, where the node begins, the ray, its stack's entry distances and child codes (int32), and the
+number of entries; returns the new number. Seven entries above the top are overwritten.
+"""
+
+push_likeliest_vector = _push_boxes(nearest=False)
+"""The same, the last child on top."""
+
+
+@inlined
+def push_lane(nodes: Any, base: Int, ray: Any, lane: Int, distances: Any, stack: Any, top: Int) -> Int:
+    """Puts a child on the stack if the ray meets it; returns the new number of entries."""
+    entry, leave = entry_and_leave(nodes, base, ray, lane)
+    if entry <= leave:
+        distances[top] = entry
+        store_int32(stack, top, load_int32(nodes, base + CHILDREN + lane))
+        top += 1
+    return top
+
+
+@inlined
+def push_nearest_plain(nodes: Any, base: Int, ray: Any, distances: Any, stack: Any, top: Int) -> Int:
+    """:data:`push_nearest_vector`, one box after the other."""
+    order = load_int32(nodes, base + ORDERS + load_int32(ray, OCTANT))
+    for place in range(WIDTH):
+        lane = np.int64(order >> np.int32(4 * place)) & np.int64(7)
+        top = push_lane(nodes, base, ray, lane, distances, stack, top)
+    return top
+
+
+@inlined
+def push_likeliest_plain(nodes: Any, base: Int, ray: Any, distances: Any, stack: Any, top: Int) -> Int:
+    """:data:`push_likeliest_vector`, one box after the other."""
+    for lane in range(WIDTH):
+        top = push_lane(nodes, base, ray, np.int64(lane), distances, stack, top)
+    return top
+
+
+@intrinsic
+def drop_far_vector(context: Any, distances: Any, stack: Any, first: Any, top: Any, end: Any, limit: Any) -> Any:
+    """Moves those of the eight stack entries from ``first`` on that lie below ``end`` and within the limit to ``top``.
+
+    Returns:
+        The number of entries up to there. Seven entries above are overwritten.
+    """
+
+    def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        distances, stack, first, top, end, limit = arguments
+        entry = load(builder, distances, first, WIDTH, align=4)
+        codes = load(builder, stack, first, WIDTH, I32, align=4)
+        rest = splat(builder, builder.trunc(builder.sub(end, first), I32), WIDTH).value
+        used = Lanes(builder, builder.icmp_signed("<", ir.Constant(EIGHT, list(range(WIDTH))), rest))
+        return _push(builder, (entry <= splat(builder, limit, WIDTH)) & used, entry, codes, distances, stack, top)
+
+    return types.int64(FLOATS, FLOATS, types.int64, types.int64, types.int64, types.float32), generate
+
+
+@inlined
+def drop_far_plain(distances: Any, stack: Any, first: Int, top: Int, end: Int, limit: Float) -> Int:
+    """:func:`drop_far_vector`, one entry after the other."""
+    for place in range(first, min(first + WIDTH, end)):
+        if distances[place] <= limit:
+            distances[top] = distances[place]
+            store_int32(stack, top, load_int32(stack, place))
+            top += 1
+    return top
+
+
+permutes = vectorised() and has_permutation()
+push_nearest = push_nearest_vector if permutes else push_nearest_plain
+push_likeliest = push_likeliest_vector if permutes else push_likeliest_plain
+drop_far = drop_far_vector if permutes else drop_far_plain

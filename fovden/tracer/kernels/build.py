@@ -1,27 +1,31 @@
-"""Builds the acceleration structure: a binary tree by the surface area heuristic, collapsed to eight children.
+"""Builds a binary tree over boxes by the surface area heuristic; ``collapse`` makes nodes of eight children of it.
 
 The heuristic is evaluated in 16 bins of the centroids along each axis (Wald, "On fast construction of SAH-based
 bounding volume hierarchies", 2007). It counts leaf blocks of eight triangles, not triangles, because a block costs
-the same however full it is; the blocks come out about 90 % full. The collapse opens the child of largest area until a
-node has eight (Wald, Benthin and Boulos, "Getting rid of packets", 2008), and stores children by falling area, so
-that rays that only ask for any hit meet the likely occluders first.
+the same however full it is; the blocks come out about 90 % full.
+
+The upper nodes are built one after the other; what hangs below them, the subtrees, by all threads. Each subtree has a
+range of the nodes' numbers to itself, so that the result does not depend on who built it. Numbers of that range that it
+does not need are holes: neither ``left`` nor ``count`` is set. A child's number is greater than its parent's.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
-from fovden.tracer.kernels.layout import CHILDREN, MAX_BINARY_DEPTH, PRIMITIVES, UPPER, WIDTH
+from fovden.tracer.kernels.layout import MAX_BINARY_DEPTH, WIDTH
 
 BINS = 16
 TRAVERSAL_COST = np.float32(1.0)  # of a node relative to a leaf block; 0.5 and 2 made no difference above the noise
 ZERO, HUGE = np.float32(0.0), np.float32(3.0e38)
 NO_AXIS = -1
-MARGIN = np.float32(2.0**-21)  # of a box's extent: what ``boxes`` needs to find all that ``triangles`` hits
-UNIT = np.float32(2.0**-23)  # a coordinate times this is one to two units in its last place
+SUBTREES = 128  # at least so many where there are boxes enough
+SMALLEST_SUBTREE = 4096  # boxes
+UPPER_NODES = 4 * SUBTREES * MAX_BINARY_DEPTH
+STACK_ROWS = 2 * (MAX_BINARY_DEPTH + 64)
 
 
 @inlined
@@ -66,8 +70,11 @@ def centroid(box: Any, axis: Int) -> Float:
 
 @inlined
 def bin_of(box: Any, axis: Int, lowest: Float, scale: Float) -> Int:
-    """Bin of a box's centroid."""
-    return min(int((centroid(box, axis) - lowest) * scale), BINS - 1)
+    """Bin of a box's centroid; 0 where bounds so huge that they overflow leave no number."""
+    place = (centroid(box, axis) - lowest) * scale
+    if not ZERO < place < np.float32(BINS):
+        return 0
+    return min(int(place), BINS - 1)
 
 
 @inlined
@@ -144,165 +151,115 @@ def partition(boxes: Any, order: Any, start: Int, stop: Int, axis: Int, last: In
     return i
 
 
-@kernel
-def build_binary(boxes: Any, order: Any, node_boxes: Any, left: Any, first: Any, count: Any) -> Int:
-    """Builds the binary tree and returns its number of nodes; node 0 is the root.
+class BinaryTree(NamedTuple):
+    """A binary tree as it grows; node 0 is the root.
 
-    Args:
-        boxes: Bounds of the triangles, shape (m, 6); permuted along with ``order``.
-        order: Triangle numbers, shape (m); leaves own runs of it.
-        node_boxes: Receives the nodes' bounds, shape (2 m, 6).
-        left: Receives the first child of an inner node, the second being the next one, shape (2 m).
-        first: Receives the start of a leaf's run.
-        count: Receives the length of a leaf's run; 0 marks an inner node.
+    ``boxes`` (m, 6) are sorted along with ``order`` (m), so that leaves own runs of them; of a node there are its
+    bounds ``node_boxes`` (n, 6), the first child ``left`` (n) of an inner node, the second being the next, and the
+    start ``first`` (n) and length ``count`` (n) of a leaf's run, the length 0 marking an inner node. The upper nodes
+    have numbers below UPPER_NODES; the subtree over the boxes from i on has those from UPPER_NODES + 2 i on.
     """
-    counts = np.empty((3, BINS), np.int32)
-    bins = np.empty((3, BINS, 6), np.float32)
-    right = np.empty(BINS, np.float32)
-    span, middle_box = np.empty(6, np.float32), np.empty(6, np.float32)
-    stack = np.empty((2 * (MAX_BINARY_DEPTH + 64), 4), np.int64)
-    stack[0] = (0, 0, len(order), 0)
-    top, used = 1, 1
-    while top > 0:
-        top -= 1
-        node, start, stop, depth = stack[top]
-        box = node_boxes[node]
-        make_empty(box)
-        make_empty(span)
-        for i in range(start, stop):
-            include(box, boxes[i])
-            for axis in range(3):
-                middle_box[axis] = middle_box[3 + axis] = centroid(boxes[i], axis)
-            include(span, middle_box)
-        size = stop - start
-        cost, axis, last = HUGE, NO_AXIS, 0
-        if size > 1 and depth < MAX_BINARY_DEPTH:
-            cost, axis, last = best_split(boxes, start, stop, span, counts, bins, right)
-        whole = half_area(box)
-        if size <= WIDTH and cost + whole * TRAVERSAL_COST >= whole * np.float32(blocks_for(size)):
-            first[node], count[node] = start, size
-            continue
-        middle = (start + stop) // 2 if axis == NO_AXIS else partition(boxes, order, start, stop, axis, last, span)
-        left[node], count[node] = used, 0
-        stack[top] = (used + 1, middle, stop, depth + 1)
-        stack[top + 1] = (used, start, middle, depth + 1)
-        top += 2
-        used += 2
-    return used
+
+    boxes: Any
+    order: Any
+    node_boxes: Any
+    left: Any
+    first: Any
+    count: Any
 
 
-@kernel
-def gather_children(root: Int, node_boxes: Any, left: Any, count: Any, children: Any) -> Int:
-    """Fills ``children`` with up to eight descendants that together cover a node, by falling area; returns how many."""
-    if count[root] > 0:
-        children[0] = root
-        return 1
-    children[0], children[1] = left[root], left[root] + 1
-    used = 2
-    while used < WIDTH:
-        widest, area = -1, np.float32(-1.0)
-        for i in range(used):
-            if count[children[i]] == 0 and half_area(node_boxes[children[i]]) > area:
-                widest, area = i, half_area(node_boxes[children[i]])
-        if widest < 0:
-            break
-        opened = left[children[widest]]
-        children[widest], children[used] = opened, opened + 1
-        used += 1
-    for i in range(1, used):
-        child = children[i]
-        area = half_area(node_boxes[child])
-        j = i
-        while j > 0 and half_area(node_boxes[children[j - 1]]) < area:
-            children[j] = children[j - 1]
-            j -= 1
-        children[j] = child
-    return used
+class Bins(NamedTuple):
+    """Working memory of :func:`split_node`."""
 
-
-@kernel
-def collapse(node_boxes: Any, left: Any, count: Any, children_of: Any, parents: Any) -> tuple[Int, Int]:
-    """Lists the eight-wide nodes depth first; returns how many nodes and how many leaf blocks there are.
-
-    Args:
-        node_boxes: Bounds of the binary nodes.
-        left: First children of the binary nodes.
-        count: Triangles of the binary leaves, 0 for inner nodes.
-        children_of: Receives the binary nodes below each wide node, -1 for none, shape (n, 8).
-        parents: Receives where the wide node hangs: 8 * wide parent + lane, or -1 for the root, shape (n).
-    """
-    stack = np.empty((WIDTH * (MAX_BINARY_DEPTH + 64), 2), np.int64)
-    stack[0] = (0, -1)
-    top, wide, blocks = 1, 0, 0
-    children = np.empty(WIDTH, np.int64)
-    while top > 0:
-        top -= 1
-        root, parents[wide] = stack[top]
-        used = gather_children(root, node_boxes, left, count, children)
-        for lane in range(WIDTH):
-            children_of[wide, lane] = children[lane] if lane < used else -1
-        for lane in range(used - 1, -1, -1):
-            if count[children[lane]] == 0:
-                stack[top] = (children[lane], WIDTH * wide + lane)
-                top += 1
-            else:
-                blocks += 1
-        wide += 1
-    return wide, blocks
+    counts: Any
+    boxes: Any
+    right: Any
+    span: Any
+    middle: Any
 
 
 @inlined
-def has_area(vertices: Any, faces: Any, prim: Int) -> bool:
-    """Whether corners are not in a line; rounding would give one that is not axis-aligned an area for some rays."""
-    a, b, c = vertices[faces[prim, 0]], vertices[faces[prim, 1]], vertices[faces[prim, 2]]
-    for axis in range(3):
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        left = (np.float64(b[i]) - a[i]) * (np.float64(c[j]) - a[j])
-        right = (np.float64(b[j]) - a[j]) * (np.float64(c[i]) - a[i])
-        if left != right:
-            return True
-    return False
+def new_bins() -> Bins:
+    """Makes working memory."""
+    return Bins(
+        np.empty((3, BINS), np.int32),
+        np.empty((3, BINS, 6), np.float32),
+        np.empty(BINS, np.float32),
+        np.empty(6, np.float32),
+        np.empty(6, np.float32),
+    )
 
 
 @kernel
-def pack(
-    node_boxes: Any,
-    first: Any,
-    count: Any,
-    order: Any,
-    children_of: Any,
-    parents: Any,
-    vertices: Any,
-    faces: Any,
-    nodes: Any,
-    codes: Any,
-    blocks: Any,
-    prims: Any,
-) -> None:
-    """Writes nodes and leaf blocks as ``layout`` describes them; ``codes`` and ``prims`` are their int32 views."""
-    block = 0
-    for wide in range(len(nodes)):
-        if parents[wide] >= 0:
-            codes[parents[wide] // WIDTH, CHILDREN + parents[wide] % WIDTH] = wide
-        for lane in range(WIDTH):
-            child = children_of[wide, lane]
-            margin = MARGIN * widest(node_boxes[child])
-            for axis in range(3):
-                lower, upper = node_boxes[child, axis], node_boxes[child, 3 + axis]
-                lower -= margin + abs(lower) * UNIT
-                upper += margin + abs(upper) * UNIT
-                nodes[wide, axis * WIDTH + lane] = lower if child >= 0 else HUGE
-                nodes[wide, UPPER + axis * WIDTH + lane] = upper if child >= 0 else -HUGE
-            codes[wide, CHILDREN + lane] = 0
-            if child >= 0 and count[child] > 0:
-                codes[wide, CHILDREN + lane] = ~block
-                for i in range(WIDTH):
-                    used = i < count[child]
-                    prim = order[first[child] + i] if used else -1
-                    prims[block, PRIMITIVES + i] = prim
-                    solid = used and has_area(vertices, faces, prim)
-                    for corner in range(3):
-                        for axis in range(3):
-                            row = (3 * corner + axis) * WIDTH + i
-                            blocks[block, row] = vertices[faces[prim, corner], axis] if solid else ZERO
-                block += 1
+def split_node(tree: BinaryTree, bins: Bins, node: Int, start: Int, stop: Int, depth: Int) -> Int:
+    """Writes a node's box; returns where to split its boxes start .. stop - 1, or -1 if it is made a leaf."""
+    box, span, middle_box = tree.node_boxes[node], bins.span, bins.middle
+    make_empty(box)
+    make_empty(span)
+    for i in range(start, stop):
+        include(box, tree.boxes[i])
+        for axis in range(3):
+            middle_box[axis] = middle_box[3 + axis] = centroid(tree.boxes[i], axis)
+        include(span, middle_box)
+    size = stop - start
+    cost, axis, last = HUGE, NO_AXIS, 0
+    if size > 1 and depth < MAX_BINARY_DEPTH:
+        cost, axis, last = best_split(tree.boxes, start, stop, span, bins.counts, bins.boxes, bins.right)
+    whole = half_area(box)
+    if size <= WIDTH and cost + whole * TRAVERSAL_COST >= whole * np.float32(blocks_for(size)):
+        tree.first[node], tree.count[node] = start, size
+        return -1
+    if axis == NO_AXIS:
+        return (start + stop) // 2
+    return partition(tree.boxes, tree.order, start, stop, axis, last, span)
+
+
+@kernel
+def build_upper(tree: BinaryTree, stack: Any, subtrees: Any, state: Any, largest: Int, budget: Int) -> None:
+    """Builds upper nodes until ``budget`` boxes have been looked at, or nothing is left to do.
+
+    Args:
+        tree: The tree.
+        stack: Rows of node, start, stop, depth that are still to do, shape (STACK_ROWS, 4).
+        subtrees: Receives the same rows of the nodes that hang below, shape (UPPER_NODES, 4).
+        state: Length of the stack, number of nodes, number of subtrees.
+        largest: Boxes that a subtree may have.
+        budget: After how much work to return, so that a Ctrl-C arrives.
+    """
+    bins = new_bins()
+    while state[0] > 0 and budget > 0:
+        state[0] -= 1
+        node, start, stop, depth = stack[state[0]]
+        if stop - start <= largest or state[1] + 2 > UPPER_NODES:
+            subtrees[state[2]] = stack[state[0]]
+            state[2] += 1
+            continue
+        budget -= stop - start
+        middle = split_node(tree, bins, node, start, stop, depth)
+        used = state[1]
+        tree.left[node], tree.count[node] = used, 0
+        stack[state[0]] = (used + 1, middle, stop, depth + 1)
+        stack[state[0] + 1] = (used, start, middle, depth + 1)
+        state[0] += 2
+        state[1] += 2
+
+
+@kernel
+def build_subtrees(begin: Int, end: Int, tree: BinaryTree, subtrees: Any) -> None:
+    """Builds the subtrees begin .. end - 1."""
+    bins = new_bins()
+    stack = np.empty((STACK_ROWS, 4), np.int64)
+    for subtree in range(begin, end):
+        stack[0] = subtrees[subtree]
+        used, top = UPPER_NODES + 2 * stack[0, 1], 1
+        while top > 0:
+            top -= 1
+            node, start, stop, depth = stack[top]
+            middle = split_node(tree, bins, node, start, stop, depth)
+            if middle < 0:
+                continue
+            tree.left[node], tree.count[node] = used, 0
+            stack[top] = (used + 1, middle, stop, depth + 1)
+            stack[top + 1] = (used, start, middle, depth + 1)
+            top += 2
+            used += 2

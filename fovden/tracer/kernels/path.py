@@ -90,8 +90,8 @@ class Hit(NamedTuple):
 @inlined
 def open_world(nodes: Any, blocks: Any, geometry: GeometryArrays, lights: LightTable) -> World:
     """Pointers to all of a scene's arrays."""
-    accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks))
-    return World(accelerator, geometry_pointers(geometry), light_pointers(lights))
+    pointers = geometry_pointers(geometry)
+    return World(Accelerator(pointer_to(nodes), pointer_to(blocks), pointers, True), pointers, light_pointers(lights))
 
 
 @inlined

@@ -8,12 +8,24 @@ import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
 from fovden.rng import Stream, philox
-from fovden.simd import advanced, pointer_to, stack_floats, stack_words
-from fovden.tracer.kernels.bsdf import LAMBERT
+from fovden.simd import advanced, load_int32, pointer_to, stack_floats, stack_words
+from fovden.tracer.kernels.bsdf import gbuffer_roughness
 from fovden.tracer.kernels.illumination import LightTable, environment_radiance
-from fovden.tracer.kernels.layout import RESULTS_SIZE, STACK_SIZE, WIDTH
+from fovden.tracer.kernels.layout import SCRATCH_SIZE, STACK_SIZE
 from fovden.tracer.kernels.path import TAPE, Hit, Setting, Tape, World, open_world, trace, trace_path
 from fovden.tracer.kernels.surface import GeometryArrays, albedo_of, emitted, surface_at
+from fovden.tracer.kernels.tiles import (
+    PRIM,
+    RAYS,
+    SIDE,
+    TILE_SIZE,
+    T,
+    U,
+    V,
+    closest_tile,
+    direction_of,
+    put_direction,
+)
 from fovden.tracer.kernels.traversal import Scratch
 from fovden.tracer.kernels.vectors import Vector, added, dot, luminance, normalised, scaled
 
@@ -42,6 +54,17 @@ def view_ray(views: Views, view: Int, x: Float, y: Float) -> tuple[Vector, Vecto
         matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2],
     )
     return Vector(origin[0], origin[1], origin[2]), normalised(direction)
+
+
+@inlined
+def listed_direction(
+    views: Views, jitter_x: Float, jitter_y: Float, coordinates: Any, directions: Any, i: Int
+) -> Vector:
+    """Unit direction in which listed pixel i is seen: along its camera ray, unless directions are given."""
+    if directions.shape[0] > 0:
+        return Vector(directions[i, 0], directions[i, 1], directions[i, 2])
+    x, y = np.float32(coordinates[i, 2]) + jitter_x, np.float32(coordinates[i, 1]) + jitter_y
+    return view_ray(views, np.int64(coordinates[i, 0]), x, y)[1]
 
 
 @inlined
@@ -78,30 +101,44 @@ def trace_primary(
     barycentric: Any,
     emission: Any,
 ) -> None:
-    """Writes the G-buffer and the visible emission of the pixels start .. stop - 1, counted through all views."""
-    scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
+    """Writes the G-buffer and the visible emission of the tiles start .. stop - 1.
+
+    Tiles are four by four pixels, counted row by row through all views.
+    """
+    scratch, tile = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE)), stack_floats(TILE_SIZE)
     world = open_world(nodes, blocks, geometry, lights)
     height, width = prim.shape[2], prim.shape[3]
-    for i in range(start, stop):
-        view, y, x = i // (height * width), i // width % height, i % width
-        origin, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
-        hit = trace(world, scratch, origin, direction)
-        prim[view, 0, y, x] = hit.prim
-        barycentric[view, 0, y, x], barycentric[view, 1, y, x] = hit.u, hit.v
-        write(emission, view, y, x, background(world, hit, direction))
-        if hit.prim >= 0:
-            surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
-            write(albedo, view, y, x, albedo_of(world.geometry, surface))
-            write(normal, view, y, x, surface.normal)
-            write(position, view, y, x, surface.position)
-            axis = views.forward[view]
-            depth[view, 0, y, x] = hit.t * dot(direction, Vector(axis[0], axis[1], axis[2]))
-            roughness[view, 0, y, x] = ONE if surface.model == LAMBERT else surface.roughness
-        else:
-            write(albedo, view, y, x, BLACK)
-            write(normal, view, y, x, BLACK)
-            write(position, view, y, x, BLACK)
-            depth[view, 0, y, x], roughness[view, 0, y, x] = ZERO, ZERO
+    across, down = (width + SIDE - 1) // SIDE, (height + SIDE - 1) // SIDE
+    for item in range(start, stop):
+        view, top, left = item // (across * down), item // across % down * SIDE, item % across * SIDE
+        origin = views.origin[view]
+        for i in range(RAYS):
+            y, x = min(top + i // SIDE, height - 1), min(left + i % SIDE, width - 1)
+            _, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
+            put_direction(tile, i, direction)
+        closest_tile(world.accelerator, scratch, tile, origin[0], origin[1], origin[2])
+        for i in range(RAYS):
+            y, x = top + i // SIDE, left + i % SIDE
+            if y >= height or x >= width:
+                continue
+            direction = direction_of(tile, i)
+            hit = Hit(tile[T + i], tile[U + i], tile[V + i], np.int64(load_int32(tile, PRIM + i)))
+            prim[view, 0, y, x] = hit.prim
+            barycentric[view, 0, y, x], barycentric[view, 1, y, x] = hit.u, hit.v
+            write(emission, view, y, x, background(world, hit, direction))
+            if hit.prim >= 0:
+                surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
+                write(albedo, view, y, x, albedo_of(world.geometry, surface))
+                write(normal, view, y, x, surface.normal)
+                write(position, view, y, x, surface.position)
+                axis = views.forward[view]
+                depth[view, 0, y, x] = hit.t * dot(direction, Vector(axis[0], axis[1], axis[2]))
+                roughness[view, 0, y, x] = gbuffer_roughness(surface)
+            else:
+                write(albedo, view, y, x, BLACK)
+                write(normal, view, y, x, BLACK)
+                write(position, view, y, x, BLACK)
+                depth[view, 0, y, x], roughness[view, 0, y, x] = ZERO, ZERO
 
 
 @kernel
@@ -119,7 +156,10 @@ def trace_listed(
     barycentric: Any,
     emission: Any,
     coordinates: Any,
+    places: Any,
+    directions: Any,
     counts: Any,
+    width: Int,
     setting: Setting,
     direct: Any,
     indirect: Any,
@@ -142,8 +182,11 @@ def trace_listed(
         prim: Triangle that each pixel sees, (v, 1, h, w).
         barycentric: Where on it, (v, 2, h, w).
         emission: Radiance that it emits, (v, 3, h, w).
-        coordinates: View, y, x of the listed pixels, (k, 3).
+        coordinates: View, y, x of the listed pixels, the address of their random numbers, (k, 3).
+        places: View, y, x of where the images hold them, (k, 3); for images of whole views the same.
+        directions: Unit directions in which they are seen, (k, 3); empty for their camera rays.
         counts: Samples of each of them, (k).
+        width: Width of a view.
         setting: How paths are made.
         direct: Receives the mean direct light.
         indirect: Receives the mean indirect light.
@@ -151,16 +194,17 @@ def trace_listed(
         tape: Receives what the paths are made of, (all samples, bounces + 1, TAPE); empty where it does not matter.
         tape_first: First sample of each of the listed pixels on tape, (k).
     """
-    scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
+    scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
-    width, taped, per_path = prim.shape[3], tape.shape[0] > 0, np.int64(TAPE) * (setting.bounces + 1)
+    taped, per_path = tape.shape[0] > 0, np.int64(TAPE) * (setting.bounces + 1)
     for i in range(start, stop):
-        view, y, x = np.int64(coordinates[i, 0]), np.int64(coordinates[i, 1]), np.int64(coordinates[i, 2])
+        view, y, x = np.int64(places[i, 0]), np.int64(places[i, 1]), np.int64(places[i, 2])
+        eye, pixel = np.int64(coordinates[i, 0]), np.int64(coordinates[i, 1]) * width + np.int64(coordinates[i, 2])
         own = Vector(emission[view, 0, y, x], emission[view, 1, y, x], emission[view, 2, y, x])
         direct_sum, indirect_sum, square_sum = BLACK, BLACK, ZERO
         samples = counts[i]
         if prim[view, 0, y, x] >= 0 and samples > 0:
-            _, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
+            direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, i)
             hit = Hit(ZERO, barycentric[view, 0, y, x], barycentric[view, 1, y, x], np.int64(prim[view, 0, y, x]))
             surface, viewer = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction), scaled(direction, -ONE)
             albedo = albedo_of(world.geometry, surface)
@@ -174,8 +218,8 @@ def trace_listed(
                     albedo,
                     viewer,
                     setting,
-                    y * width + x,
-                    view,
+                    pixel,
+                    eye,
                     sample,
                     Tape(advanced(pointer_to(tape), place), taped),
                 )
@@ -189,6 +233,32 @@ def trace_listed(
         write(direct, view, y, x, scaled(direct_sum, share))
         write(indirect, view, y, x, scaled(indirect_sum, share))
         luminance_squared[view, 0, y, x] = square_sum * share
+
+
+@kernel
+def see_listed(
+    start: Int,
+    stop: Int,
+    nodes: Any,
+    blocks: Any,
+    geometry: GeometryArrays,
+    lights: LightTable,
+    views: Views,
+    jitter_x: Float,
+    jitter_y: Float,
+    prim: Any,
+    coordinates: Any,
+    places: Any,
+    directions: Any,
+    emission: Any,
+) -> None:
+    """Writes what the triangles of the listed pixels start .. stop - 1 emit; arguments as of :func:`trace_listed`."""
+    world = open_world(nodes, blocks, geometry, lights)
+    for i in range(start, stop):
+        view, y, x = np.int64(places[i, 0]), np.int64(places[i, 1]), np.int64(places[i, 2])
+        direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, i)
+        hit = Hit(ZERO, ZERO, ZERO, np.int64(prim[view, 0, y, x]))
+        write(emission, view, y, x, background(world, hit, direction))
 
 
 @kernel
@@ -227,7 +297,7 @@ def accumulate_all(
         total: Sums of the samples' radiance, float64, (v, 3, h, w).
         squares: Sums of its squares, float64, (v, 3, h, w).
     """
-    scratch = Scratch(stack_words(STACK_SIZE), stack_words(WIDTH), stack_floats(RESULTS_SIZE))
+    scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
     height, width, nowhere = total.shape[2], total.shape[3], stack_floats(1)
     for i in range(start, stop):

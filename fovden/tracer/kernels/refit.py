@@ -1,4 +1,4 @@
-"""Fits the boxes of a binary tree to triangles that have moved, in a seventh of the time of building it anew."""
+"""Fits the boxes of a binary tree to triangles that have moved, in a fraction of the time of building it anew."""
 
 from __future__ import annotations
 
@@ -6,39 +6,39 @@ from typing import Any
 
 import numpy as np
 
-from fovden.jit import Float, Int, kernel
-from fovden.tracer.kernels.build import TRAVERSAL_COST, blocks_for, half_area, include, make_empty
+from fovden.jit import Float, kernel
+from fovden.tracer.kernels.build import TRAVERSAL_COST, BinaryTree, blocks_for, half_area, include, make_empty
 
 
 @kernel
-def refit(boxes: Any, order: Any, node_boxes: Any, left: Any, first: Any, count: Any, used: Int) -> None:
-    """Writes the bounds of the nodes 0 .. used - 1, children before their parents, which have lower numbers.
+def refit(tree: BinaryTree, boxes: Any, moved: Any) -> None:
+    """Writes the bounds of all nodes, children before their parents, which have lower numbers.
 
     Args:
+        tree: The tree; receives the nodes' bounds.
         boxes: Bounds of the triangles, in the triangles' own order, shape (m, 6).
-        order: Triangle numbers, shape (m); leaves own runs of it.
-        node_boxes: Receives the nodes' bounds, shape (k, 6).
-        left: First child of an inner node, the second being the next one.
-        first: Start of a leaf's run.
-        count: Length of a leaf's run; 0 marks an inner node.
-        used: Number of nodes.
+        moved: Which triangles are elsewhere than when the tree was built, shape (m). Of the others, those that were cut
+            into pieces keep the pieces' bounds, which are smaller.
     """
-    for node in range(used - 1, -1, -1):
-        box = node_boxes[node]
+    for node in range(len(tree.count) - 1, -1, -1):
+        box = tree.node_boxes[node]
         make_empty(box)
-        if count[node] > 0:
-            for i in range(first[node], first[node] + count[node]):
-                include(box, boxes[order[i]])
-        else:
-            include(box, node_boxes[left[node]])
-            include(box, node_boxes[left[node] + 1])
+        if tree.count[node] > 0:
+            for i in range(tree.first[node], tree.first[node] + tree.count[node]):
+                prim = tree.order[i]
+                include(box, boxes[prim] if moved[prim] else tree.boxes[i])
+        elif tree.left[node] > 0:
+            include(box, tree.node_boxes[tree.left[node]])
+            include(box, tree.node_boxes[tree.left[node] + 1])
 
 
 @kernel
-def cost_of(node_boxes: Any, count: Any, used: Int) -> Float:
+def cost_of(tree: BinaryTree, node_boxes: Any) -> Float:
     """The surface area heuristic of a whole tree: what all rays together are expected to cost, up to a factor."""
     cost = np.float64(0.0)
-    for node in range(used):
-        steps = np.float32(blocks_for(count[node])) if count[node] > 0 else TRAVERSAL_COST
-        cost += half_area(node_boxes[node]) * steps
+    for node in range(len(tree.count)):
+        if tree.count[node] > 0:
+            cost += half_area(node_boxes[node]) * np.float32(blocks_for(tree.count[node]))
+        elif tree.left[node] > 0:
+            cost += half_area(node_boxes[node]) * TRAVERSAL_COST
     return cost

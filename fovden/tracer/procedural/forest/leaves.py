@@ -18,11 +18,13 @@ LEAF_TRIANGLES = 2
 def leaf() -> Patch:
     """Returns a leaf of length 1 along +z, its halves folded upward along the midrib, its tip hanging.
 
+    The halves hold the outline of :func:`fovden.tracer.procedural.textures.plants.leaf_outline`, which is cut out.
+
     Example:
         >>> leaf().triangle_count
         2
     """
-    vertices = np.array([(0.0, 0.0, 0.0), (-0.34, 0.10, 0.46), (0.34, 0.10, 0.42), (0.0, -0.08, 1.0)])
+    vertices = np.array([(0.0, 0.0, 0.0), (-0.5, 0.147, 0.46), (0.5, 0.147, 0.42), (0.0, -0.08, 1.0)])
     uv = np.array([(0.5, 0.0), (0.0, 0.46), (1.0, 0.42), (0.5, 1.0)])
     return Patch(vertices, np.array([[0, 3, 1], [0, 2, 3]]), uv, np.zeros((4, 3)))
 

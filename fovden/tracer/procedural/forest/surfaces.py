@@ -27,6 +27,14 @@ def surfaces(seed: int) -> dict[str, Surface]:
     def textured(name: str, image: Tensor, tile: float = 1.0) -> Surface:
         return Surface(Material(name, white, texture=image), tile)
 
+    def cut(name: str, image: Tensor, outline: Tensor) -> Surface:
+        return Surface(Material(name, white, texture=image, opacity=outline))
+
+    lobed, toothed, crumpled = (
+        plants.leaf_outline(4.5, 0.45),
+        plants.leaf_outline(9, 0.16, 0.28),
+        plants.leaf_outline(3.5, 0.4),
+    )
     rng = generator(seed, "textures")
     litter = ((0.55, 0.36, 0.18), (0.62, 0.46, 0.22), (0.45, 0.25, 0.13), (0.66, 0.56, 0.33))
     made = [
@@ -34,9 +42,9 @@ def surfaces(seed: int) -> dict[str, Surface]:
         textured("bark", plants.bark(rng, (0.55, 0.45, 0.35), (0.24, 0.18, 0.13), MOSS), 1.0),
         textured("spruce bark", plants.bark(rng, (0.50, 0.37, 0.29), (0.25, 0.17, 0.13), (0.42, 0.46, 0.33)), 1.0),
         textured("needles", plants.needles(rng, (0.34, 0.52, 0.31), (0.13, 0.23, 0.14)), 0.5),
-        textured("oak leaf", plants.leaf(rng, (0.36, 0.53, 0.20), (0.58, 0.68, 0.36))),
-        textured("ash leaf", plants.leaf(rng, (0.50, 0.60, 0.22), (0.68, 0.74, 0.42))),
-        textured("dead leaf", plants.leaf(rng, (0.66, 0.40, 0.16), (0.46, 0.26, 0.12))),
+        cut("oak leaf", plants.leaf(rng, (0.36, 0.53, 0.20), (0.58, 0.68, 0.36)), lobed),
+        cut("ash leaf", plants.leaf(rng, (0.50, 0.60, 0.22), (0.68, 0.74, 0.42)), toothed),
+        cut("dead leaf", plants.leaf(rng, (0.66, 0.40, 0.16), (0.46, 0.26, 0.12)), crumpled),
         textured("fern", plants.leaf(rng, (0.33, 0.55, 0.21), (0.52, 0.68, 0.34))),
         textured("grass", plants.blade(rng, (0.20, 0.32, 0.11), (0.52, 0.63, 0.26))),
         textured("boulder", ground.mossy_stone(rng, (0.42, 0.40, 0.38), (0.60, 0.59, 0.53), MOSS, cover=0.5), 1.0),

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from fovden.tracer.procedural.textures.fields import Colour, distance_to_integer, image, mix, noise, sigmoid
 
-__all__ = ["bark", "blade", "cap", "end_grain", "leaf", "needles"]
+__all__ = ["bark", "blade", "cap", "end_grain", "leaf", "leaf_outline", "needles"]
 
 
 def bark(rng: np.random.Generator, ridge: Colour, furrow: Colour, moss: Colour, size: int = 512) -> Tensor:
@@ -91,6 +92,34 @@ def leaf(rng: np.random.Generator, ground: Colour, vein: Colour, size: int = 64)
     side = distance_to_integer(5 * (y + 0.8 * x)) < 0.09
     colour = np.where(((x < 0.035) | side)[..., None], np.asarray(vein), np.asarray(ground))
     return image(colour * (1 + 0.06 * noise(rng, size, 0.9))[..., None])
+
+
+def leaf_outline(lobes: float, depth: float, width: float = 0.31, size: int = 64) -> Tensor:
+    """Returns the opacity of a leaf: half inside one half of its outline, which interpolates to a smooth edge at 0.5.
+
+    The leaf grows from the image's lower edge to its upper. To either side of the midrib it is ``width sin(pi t)^0.9``
+    wide, less where lobes or teeth, which point forward, are cut into it.
+
+    Args:
+        lobes: Number of lobes or teeth on a side.
+        depth: How deep they are, as a share of the width.
+        width: Half the greatest width, as a share of the image's.
+        size: Pixels to a side.
+
+    Returns:
+        Opacity, uint8, shape (size, size).
+
+    Example:
+        >>> leaf_outline(4, 0.4, size=16).shape
+        torch.Size([16, 16])
+    """
+    position = (np.arange(size) + 0.5) / size
+    along, across = np.meshgrid(1 - position, np.abs(position - 0.5), indexing="ij")
+    phase = np.mod(lobes * (along - 0.6 * across), 1.0)
+    notch = np.maximum(0.0, 2 * np.abs(phase - 0.5)) ** 2.0
+    edge = width * np.sin(np.pi * along) ** 0.9 * (1 - depth * notch)
+    opacity = np.clip(0.5 + (edge - across) * size / 4, 0, 1)
+    return torch.from_numpy(np.round(255 * opacity).astype(np.uint8))
 
 
 def needles(rng: np.random.Generator, light: Colour, dark: Colour, size: int = 256) -> Tensor:

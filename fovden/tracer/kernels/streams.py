@@ -1,0 +1,256 @@
+"""Walks the acceleration structure for many rays, a few of them in turn.
+
+A processor that walks for one ray mostly waits: for the node that the last one named, for memory, and for branches that
+it guessed wrong. Here SLOTS rays take turns, a step each: a node, or a leaf block. Every step asks for the memory of
+the ray's next one, which the other rays' steps give time to arrive. Which children a ray meets, and how many, is no
+branch: they go onto its stack by permutations, nearest or likeliest on top, and once a hit has made the ray shorter,
+what lies beyond is taken off at once, so that the top of the stack is always the next step.
+
+The answers are those of ``traversal``, to the bit.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fovden.jit import Int, inlined, kernel
+from fovden.simd import advanced, load_int32, pointer_to, prefetch, stack_floats, stack_words, store_int32
+from fovden.tracer.kernels.boxes import drop_far, push_likeliest, push_nearest
+from fovden.tracer.kernels.layout import (
+    BLOCK_SIZE,
+    LIMIT,
+    NODE_SIZE,
+    RAY_SIZE,
+    RESULTS_SIZE,
+    STACK_SIZE,
+    WIDTH,
+)
+from fovden.tracer.kernels.rays import INFINITY, MISS, ZERO, is_traceable, prepare
+from fovden.tracer.kernels.surface import GeometryArrays, geometry_pointers
+from fovden.tracer.kernels.traversal import Accelerator, any_solid, found, keep_nearest
+from fovden.tracer.kernels.triangles import hit_triangles
+
+SLOTS = 4
+LINE = 16  # float32 numbers of a cache line
+ALL_RAYS, ALL_STACKS, ALL_RESULTS, ALL_WORDS = SLOTS * RAY_SIZE, SLOTS * STACK_SIZE, SLOTS * RESULTS_SIZE, 3 * SLOTS
+DONE = -(1 << 40)  # in place of a child code
+TOP, CODE, ITEM = 0, SLOTS, 2 * SLOTS  # of a slot's numbers in Slots.words
+
+
+class Slots(NamedTuple):
+    """The rays that take turns: what they are, their stacks (see ``boxes``), and three numbers of each."""
+
+    rays: Any
+    distances: Any
+    stacks: Any
+    results: Any
+    words: Any
+
+
+class Rays(NamedTuple):
+    """Pointers to origins (n, 3), directions (n, 3) and limits (n)."""
+
+    origins: Any
+    directions: Any
+    t_max: Any
+
+
+@inlined
+def start_ray(rays: Rays, item: Int, slots: Slots, slot: Int) -> bool:
+    """Puts a ray into a slot, if it can be traced."""
+    k = 3 * item
+    ox, oy, oz = rays.origins[k], rays.origins[k + 1], rays.origins[k + 2]
+    dx, dy, dz = rays.directions[k], rays.directions[k + 1], rays.directions[k + 2]
+    slots.words[ITEM + slot], slots.words[TOP + slot], slots.words[CODE + slot] = item, 0, 0
+    prepare(advanced(slots.rays, RAY_SIZE * slot), ox, oy, oz, dx, dy, dz, rays.t_max[item])
+    return is_traceable(ox, oy, oz, dx, dy, dz)
+
+
+@inlined
+def move_slot(slots: Slots, source: Int, target: Int) -> None:
+    """Copies the ray of a slot to another."""
+    for k in range(RAY_SIZE):
+        store_int32(slots.rays, RAY_SIZE * target + k, load_int32(slots.rays, RAY_SIZE * source + k))
+    for k in range(slots.words[TOP + source]):
+        store_int32(slots.distances, STACK_SIZE * target + k, load_int32(slots.distances, STACK_SIZE * source + k))
+        store_int32(slots.stacks, STACK_SIZE * target + k, load_int32(slots.stacks, STACK_SIZE * source + k))
+    for field in (TOP, CODE, ITEM):
+        slots.words[field + target] = slots.words[field + source]
+
+
+@inlined
+def shorten(slots: Slots, slot: Int) -> None:
+    """Takes off a slot's stack what lies beyond its ray's limit."""
+    k, limit = STACK_SIZE * slot, slots.rays[RAY_SIZE * slot + LIMIT]
+    end, top, first = slots.words[TOP + slot], np.int64(0), np.int64(0)
+    while first < end:
+        top = drop_far(advanced(slots.distances, k), advanced(slots.stacks, k), first, top, end, limit)
+        first += WIDTH
+    slots.words[TOP + slot] = top
+
+
+@inlined
+def next_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
+    """Takes a slot's next child from its stack and asks for its memory; returns whether there is none."""
+    top = slots.words[TOP + slot] - 1
+    if top < 0:
+        slots.words[CODE + slot] = DONE
+        return True
+    code = np.int64(load_int32(slots.stacks, STACK_SIZE * slot + top))
+    slots.words[TOP + slot], slots.words[CODE + slot] = top, code
+    if code >= 0:
+        for line in range(NODE_SIZE // LINE):
+            prefetch(accelerator.nodes, code * NODE_SIZE + line * LINE)
+    else:
+        for line in range(BLOCK_SIZE // LINE):
+            prefetch(accelerator.blocks, ~code * BLOCK_SIZE + line * LINE)
+    return False
+
+
+@inlined
+def closest_step(accelerator: Accelerator, slots: Slots, slot: Int) -> None:
+    """A slot's step towards its closest hit."""
+    code, ray = slots.words[CODE + slot], advanced(slots.rays, RAY_SIZE * slot)
+    if code >= 0:
+        k = STACK_SIZE * slot
+        distances, stack = advanced(slots.distances, k), advanced(slots.stacks, k)
+        top = push_nearest(accelerator.nodes, code * NODE_SIZE, ray, distances, stack, slots.words[TOP + slot])
+        slots.words[TOP + slot] = top
+        return
+    base, results = ~code * BLOCK_SIZE, advanced(slots.results, RESULTS_SIZE * slot)
+    mask = hit_triangles(accelerator.blocks, base, ray, results)
+    if mask != 0 and keep_nearest(accelerator, base, mask, results, ray):
+        shorten(slots, slot)
+
+
+@inlined
+def any_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
+    """A slot's step towards any hit; returns whether it is one."""
+    code, ray = slots.words[CODE + slot], advanced(slots.rays, RAY_SIZE * slot)
+    if code >= 0:
+        k = STACK_SIZE * slot
+        distances, stack = advanced(slots.distances, k), advanced(slots.stacks, k)
+        top = push_likeliest(accelerator.nodes, code * NODE_SIZE, ray, distances, stack, slots.words[TOP + slot])
+        slots.words[TOP + slot] = top
+        return False
+    base, results = ~code * BLOCK_SIZE, advanced(slots.results, RESULTS_SIZE * slot)
+    mask = hit_triangles(accelerator.blocks, base, ray, results)
+    return mask != 0 and any_solid(accelerator, base, mask, results)
+
+
+@kernel
+def closest_hits(
+    start: Int,
+    stop: Int,
+    nodes: Any,
+    blocks: Any,
+    geometry: GeometryArrays,
+    holes: bool,
+    origins: Any,
+    directions: Any,
+    t_max: Any,
+    t: Any,
+    u: Any,
+    v: Any,
+    prim: Any,
+) -> None:
+    """Writes the first hit of each of the rays start .. stop - 1."""
+    accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks), geometry_pointers(geometry), holes)
+    rays = Rays(pointer_to(origins), pointer_to(directions), pointer_to(t_max))
+    slots = Slots(
+        stack_floats(ALL_RAYS),
+        stack_floats(ALL_STACKS),
+        stack_floats(ALL_STACKS),
+        stack_floats(ALL_RESULTS),
+        stack_words(ALL_WORDS),
+    )
+    item, active = start, 0
+    while True:
+        # Slots that are done, and those not yet used, get the next rays; the last slots move down where there is none.
+        slot = 0
+        while slot < active or (slot < SLOTS and item < stop):
+            if slot < active and slots.words[CODE + slot] != DONE:
+                slot += 1
+                continue
+            if slot < active:
+                done = slots.words[ITEM + slot]
+                t[done], u[done], v[done], prim[done] = found(advanced(slots.rays, RAY_SIZE * slot))
+            else:
+                active += 1
+            fresh = False
+            while item < stop and not fresh:
+                fresh = start_ray(rays, item, slots, slot)
+                if not fresh:
+                    t[item], u[item], v[item], prim[item] = INFINITY, ZERO, ZERO, MISS
+                item += 1
+            if fresh:
+                slot += 1
+            else:
+                active -= 1
+                if slot < active:
+                    move_slot(slots, active, slot)
+        if active == 0:
+            return
+        ended = False
+        while not ended:
+            for slot in range(active):
+                closest_step(accelerator, slots, slot)
+            for slot in range(active):
+                ended |= next_step(accelerator, slots, slot)
+
+
+@kernel
+def any_hits(
+    start: Int,
+    stop: Int,
+    nodes: Any,
+    blocks: Any,
+    geometry: GeometryArrays,
+    holes: bool,
+    origins: Any,
+    directions: Any,
+    t_max: Any,
+    occluded: Any,
+) -> None:
+    """Writes whether anything lies on each of the rays start .. stop - 1."""
+    accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks), geometry_pointers(geometry), holes)
+    rays = Rays(pointer_to(origins), pointer_to(directions), pointer_to(t_max))
+    slots = Slots(
+        stack_floats(ALL_RAYS),
+        stack_floats(ALL_STACKS),
+        stack_floats(ALL_STACKS),
+        stack_floats(ALL_RESULTS),
+        stack_words(ALL_WORDS),
+    )
+    item, active = start, 0
+    while True:
+        slot = 0
+        while slot < active or (slot < SLOTS and item < stop):
+            if slot < active and slots.words[CODE + slot] != DONE:
+                slot += 1
+                continue
+            if slot == active:
+                active += 1
+            fresh = False
+            while item < stop and not fresh:
+                fresh = start_ray(rays, item, slots, slot)
+                occluded[item] = False
+                item += 1
+            if fresh:
+                slot += 1
+            else:
+                active -= 1
+                if slot < active:
+                    move_slot(slots, active, slot)
+        if active == 0:
+            return
+        ended = False
+        while not ended:
+            for slot in range(active):
+                if any_step(accelerator, slots, slot):
+                    occluded[slots.words[ITEM + slot]] = True
+                    slots.words[TOP + slot] = 0
+            for slot in range(active):
+                ended |= next_step(accelerator, slots, slot)
