@@ -1,7 +1,10 @@
-"""Compilation of kernels with Numba: the two decorators, and where compiled code is kept.
+"""Compilation of kernels with Numba: the two decorators, where compiled code is kept, and what a wait is for.
 
 No fast-math flag is set anywhere: an operation rounds as IEEE 754 says, comparisons treat NaN as it says, and products
 are not fused into sums.
+
+A kernel that takes longer than a second to compile is named on standard error while it does. What comes from the disk
+takes milliseconds and says nothing.
 """
 
 from __future__ import annotations
@@ -10,7 +13,9 @@ import atexit
 import hashlib
 import os
 import shutil
+import sys
 import tempfile
+import threading
 import warnings
 from collections.abc import Callable
 from functools import cache
@@ -19,6 +24,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import numba
 from numba import config
+from numba.core import event as events
 
 __all__ = ["Float", "Int", "inlined", "kernel", "vectorised"]
 
@@ -31,6 +37,7 @@ Int: TypeAlias = Any
 """An integer inside a kernel, int64 unless it says otherwise."""
 
 PACKAGE = Path(__file__).parent
+ANNOUNCED_AFTER = 1.0  # seconds of compilation before its line; shorter waits stay silent
 
 
 def vectorised() -> bool:
@@ -89,7 +96,9 @@ def _compiled(function: Function, *, forceinline: bool) -> Function:
     config.CACHE_DIR = str(_cache_folder())
     try:
         on_disk = Path(function.__code__.co_filename).is_file()  # not so in a notebook
-        decorate = numba.njit(nogil=True, cache=on_disk, error_model="numpy", forceinline=forceinline)
+        # No kernel is handed to C code: without wrappers for that, compilation takes a tenth less.
+        options = {"nogil": True, "cache": on_disk, "error_model": "numpy", "no_cfunc_wrapper": True}
+        decorate = numba.njit(forceinline=forceinline, **options)
         compiled: Function = decorate(function)
     finally:
         config.CACHE_DIR = before
@@ -127,3 +136,45 @@ def _cache_folder() -> Path:
         stacklevel=2,
     )
     return temporary
+
+
+class _Announcer(events.Listener):  # type: ignore[misc]  # Numba has no types
+    """Names the package's kernels that take long to compile; what they call is compiled as a part of them.
+
+    Numba compiles under one lock for all threads, which is held whenever this is called.
+    """
+
+    def __init__(self) -> None:
+        self.depth = 0
+        self.timer: threading.Timer | None = None
+        self.told = False
+
+    def on_start(self, event: Any) -> None:
+        """Sets the clock when a kernel's compilation begins."""
+        self.depth += 1
+        compiled = event.data["dispatcher"]
+        function = compiled.py_func
+        if self.depth == 1 and function.__module__.partition(".")[0] == __name__.partition(".")[0]:
+            name = f"{function.__module__.partition('.')[2]}.{function.__name__}"
+            self.timer = threading.Timer(ANNOUNCED_AFTER, self.tell, [name, compiled.stats.cache_path])
+            self.timer.daemon = True
+            self.timer.start()
+
+    def on_end(self, _: Any) -> None:
+        """Stops the clock, also where compilation failed or was interrupted."""
+        self.depth -= 1
+        if self.depth == 0 and self.timer is not None:
+            self.timer.cancel()
+            self.timer = None
+
+    def tell(self, name: str, kept: str | None) -> None:
+        """Writes the line; the first one says that the next process need not wait."""
+        if sys.stderr is None:  # a program without a console
+            return
+        once = f" (once: the code is kept in {Path(kept).parent})" if kept and not self.told else ""
+        self.told = True
+        sys.stderr.write(f"fovden: compiling {name}{once}\n")
+        sys.stderr.flush()
+
+
+events.register("numba:compile", _Announcer())

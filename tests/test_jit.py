@@ -5,6 +5,7 @@ Every test works on a small package of its own, which holds the real ``fovden/ji
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -27,6 +28,19 @@ print(json.dumps({
     "folder": os.path.dirname(add.stats.cache_path),
     "warnings": [str(warning.message) for warning in caught],
 }))
+"""
+
+FAILING = """
+import json, threading
+from fovden.tracer.kernels.add import wrong
+try:
+    wrong(1.0)
+except Exception as error:
+    name = type(error).__name__
+for thread in threading.enumerate():
+    if isinstance(thread, threading.Timer):
+        thread.join(timeout=10)
+print(json.dumps({"error": name, "threads": threading.active_count()}))
 """
 
 KERNELS = """
@@ -62,7 +76,8 @@ class Package:
             (folder / "__init__.py").touch()
         for name in ("checks.py", "jit.py", "rng.py", "simd.py"):
             shutil.copy(Path(fovden.__file__).parent / name, self.root)
-        (kernels / "add.py").write_text(KERNELS)
+        self.add = kernels / "add.py"
+        self.add.write_text(KERNELS)
         self.amount = kernels / "amount.py"
         self.amount.write_text(AMOUNT.format(value=10.0))
         self.temporary = root / "temporary"
@@ -76,15 +91,19 @@ class Package:
             "TMPDIR": str(self.temporary),
         }
 
+    def announce_after(self, seconds: float) -> None:
+        jit = self.root / "jit.py"
+        jit.write_text(re.sub(r"ANNOUNCED_AFTER = \S+", f"ANNOUNCED_AFTER = {seconds}", jit.read_text()))
+
     def make_read_only(self) -> None:
         (self.root / "__pycache__").touch()
 
-    def run(self, **environment: str) -> dict:
-        program = [sys.executable, "-c", PROGRAM]
+    def run(self, program: str = PROGRAM, **environment: str) -> dict:
+        program = [sys.executable, "-W", "error", "-c", program]
         where = {"cwd": self.root.parent, "env": self.environment | environment}  # this fovden before the installed one
         result = subprocess.run(program, **where, capture_output=True, text=True, timeout=120, check=False)
         assert result.returncode == 0, result.stderr
-        return json.loads(result.stdout)
+        return json.loads(result.stdout) | {"stderr": result.stderr.splitlines()}
 
 
 @pytest.fixture
@@ -133,6 +152,23 @@ def test_a_chosen_folder_is_used(package, tmp_path):
     assert Path(first["folder"]).is_relative_to(chosen)
     assert first["warnings"] == []
     assert not (package.root / "__pycache__").exists()
+
+
+def test_a_kernel_that_takes_long_is_named_while_it_is_compiled_and_only_then(package):
+    package.announce_after(0)
+    first, second = package.run(), package.run()
+    assert first["stderr"] == [
+        f"fovden: compiling tracer.kernels.add.add (once: the code is kept in {first['folder']})",
+        "fovden: compiling tracer.kernels.add.add_twice",  # and no line for the function that both call
+    ]
+    assert (second["hits"], second["stderr"]) == (1, [])
+
+
+def test_a_failed_compilation_stops_the_clock(package):
+    package.announce_after(100)
+    package.add.write_text(KERNELS + "\n@kernel\ndef wrong(a):\n    return a + nothing\n")
+    result = package.run(program=FAILING)
+    assert (result["error"], result["threads"], result["stderr"]) == ("TypingError", 1, [])
 
 
 @pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
