@@ -71,8 +71,7 @@ def assert_same_bits(one, other):
 
 
 def set_tiles(monkeypatch, tile):
-    monkeypatch.setattr(gbuffer_module, "TILES_AT_ONCE", tile)
-    for module in (shading_module, reference_module):
+    for module in (gbuffer_module, shading_module, reference_module):
         monkeypatch.setattr(module, "PIXELS_PER_TILE", tile)
 
 
