@@ -204,13 +204,14 @@ class Convergence(Measured):
     def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
         """Returns one row for each scene and sampler."""
         noises = [row for row in measurements if row.metric == "noise"]
-        shown = sorted({int(row.region.removesuffix(" spp")) for row in noises})[4::3]
-        header = ["scene", "sampler", "slope", *(f"noise at {samples} spp" for samples in shown)]
+        samples = sorted({int(row.region.removesuffix(" spp")) for row in noises})
+        shown = (samples[0], samples[len(samples) // 2], samples[-1])
+        header = ["scene", "sampler", "slope", *(f"noise at {spp} spp" for spp in shown)]
         rows = []
         for scene, sampler in dict.fromkeys((row.scene, row.method) for row in noises):
             noise = noise_by_samples(measurements, scene, sampler)
             slope = f"{convergence_slope(noise):.2f}"
-            rows.append([scene, sampler, slope, *(f"{noise[samples]:.4f}" for samples in shown)])
+            rows.append([scene, sampler, slope, *(f"{noise[spp]:.4f}" for spp in shown)])
         return header, rows
 
     def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
