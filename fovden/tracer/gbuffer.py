@@ -24,7 +24,7 @@ from fovden.tracer.sequence import Instant
 
 __all__ = ["trace_gbuffer"]
 
-TILES_AT_ONCE = 128  # of four by four pixels
+PIXELS_PER_TILE = 2048
 
 FIELDS = {
     "albedo": 3,
@@ -120,7 +120,7 @@ def _traced(
             np.float32(jitter[1] + 0.5),
             *(tensor.numpy() for tensor in written),
         ),
-        tile=TILES_AT_ONCE,
+        tile=max(1, PIXELS_PER_TILE // SIDE**2),
         progress=progress,
         description="G-buffer",
     )
