@@ -24,7 +24,14 @@ from fovden.tracer.sky import sky_arrays, solid_angles
 if TYPE_CHECKING:
     from fovden.tracer.scene import Scene
 
-__all__ = ["LightChoice", "emissive_triangles", "geometry_arrays", "light_table", "view_arrays"]
+__all__ = [
+    "LightChoice",
+    "areas_of",
+    "emissive_triangles",
+    "geometry_arrays",
+    "light_table",
+    "view_arrays",
+]
 
 LightChoice = Literal["uniform", "power", "tree"]
 """How a path chooses one of the lights: all alike, as in the 2019 and 2023 papers, by their power, or by what they can
@@ -94,6 +101,23 @@ def geometry_arrays(scene: Scene, alike: GeometryArrays | None = None, changed: 
         images=torch.stack([torch.cumsum(count, 0) - count, *sizes.unbind(1)], 1).numpy(),
         srgb=srgb_to_linear(torch.arange(256) / 255).numpy(),
     )
+
+
+def areas_of(vertices: Tensor, faces: Tensor) -> Tensor:
+    """Returns the areas of triangles in square metres, float64, shape (m).
+
+    Args:
+        vertices: Positions in metres, shape (n, 3).
+        faces: Vertex numbers, shape (m, 3).
+
+    Example:
+        >>> areas_of(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]]))
+        tensor([0.5000], dtype=torch.float64)
+    """
+    corners = vertices.detach().double()[faces.long()]
+    edges = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas: Tensor = torch.linalg.vector_norm(edges, dim=1) / 2
+    return areas
 
 
 def _write_triangles(records: Tensor, scene: Scene, changed: Tensor | None = None) -> None:
