@@ -93,7 +93,8 @@ def test_lamps_in_a_row_or_at_one_place_make_no_list():
 @numba.njit
 def surface_of(position, normal):
     p, n = Vector(position[0], position[1], position[2]), Vector(normal[0], normal[1], normal[2])
-    return Surface(p, n, n, n, np.float32(0.0), 0, np.float32(1.0), np.float32(0.0))
+    zero, one = np.float32(0.0), np.float32(1.0)
+    return Surface(p, n, n, zero, 0, zero, zero, 0, one, zero)
 
 
 @numba.njit

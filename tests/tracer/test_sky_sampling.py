@@ -149,7 +149,8 @@ def test_directions_follow_the_distribution(image):
 @numba.njit
 def surface_with(normal):
     n = Vector(normal[0], normal[1], normal[2])
-    return Surface(n, n, n, n, np.float32(0.0), 0, np.float32(1.0), np.float32(0.0))
+    zero, one = np.float32(0.0), np.float32(1.0)
+    return Surface(n, n, n, zero, 0, zero, zero, 0, one, zero)
 
 
 @numba.njit
