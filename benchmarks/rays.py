@@ -50,7 +50,7 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
             own = Fovden(scene, theirs.threads, bvh)
             for kind in KINDS:
                 rays = kinds.get("primary" if kind == "tiles" else kind)
-                if rays is not None and (kind != "tiles" or Fovden.tiled):
+                if rays is not None:
                     say(f"{scene.name}, {scene.triangle_count} triangles: {kind}, {own.threads} threads, {peer}")
                     found = compare(own, theirs, kind, rays, camera.resolution, options.rounds)
                     results.append({"scene": scene.name, "triangles": scene.triangle_count, "package": peer, **found})
