@@ -5,9 +5,9 @@ the first ray through Open3D, a mesh and a commit by the first ray through embre
 embreex takes when it builds. fovden builds on as many.
 
 Memory is by how much the process grew, per triangle: once the structure is there, and at most until then. Each is
-built in a new process for that, after a small one that loads what code there is. Numbers of the last digit vary: the
-system hands out memory in pages. For fovden the structure's own size is given too, which is what rays go through; the
-vertices and faces that the scene holds anyway are nobody's.
+built in a new process for that, after a small one that loads what code there is, and what was freed is given back to
+the system before each look. For fovden the structure's own size is given too, which is what rays go through; vertices
+and faces are counted where a library keeps copies of them, as Embree does.
 
     python -m benchmarks.build
     python -m benchmarks.build --scenes pink_room:100000 --quick
@@ -16,6 +16,7 @@ vertices and faces that the scene holds anyway are nobody's.
 from __future__ import annotations
 
 import argparse
+import ctypes
 import gc
 import multiprocessing
 import statistics
@@ -64,7 +65,7 @@ def size(bvh: Bvh) -> int:
 
 def growth(scene: Scene, side: str, threads: int) -> dict[str, int] | None:
     """Returns by how many bytes a new process grew: ``"kept"`` and ``"peak"``; ``None`` where the system does not say."""
-    if not STATUS.is_file():
+    if not STATUS.is_file() or not hasattr(ctypes.CDLL(None), "malloc_trim"):
         return None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "mesh.pt")
@@ -82,12 +83,18 @@ def _grow(path: str, side: str, threads: int) -> dict[str, int]:
         return Fovden(scene, threads) if side == "fovden" else PEERS[side](scene)
 
     kept = [build(small)]
-    gc.collect()
+    before = _settled()
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the peak counts from here
-    before = _resident("VmRSS")
     kept.append(build(mesh))
+    peak = _resident("VmHWM")
+    return {"kept": _settled() - before, "peak": peak - before}
+
+
+def _settled() -> int:
+    """What the process holds once all that it has freed is given back to the system."""
     gc.collect()
-    return {"kept": _resident("VmRSS") - before, "peak": _resident("VmHWM") - before}
+    ctypes.CDLL(None).malloc_trim(0)
+    return _resident("VmRSS")
 
 
 def _resident(name: str) -> int:
