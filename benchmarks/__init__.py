@@ -1,1 +1,1 @@
-"""Speed beside that of peers, one question per script; results as JSON, from which the documentation makes its tables."""
+"""Speed beside that of peers, one question per script; results as JSON, of which the documentation makes tables."""

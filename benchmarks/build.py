@@ -28,12 +28,11 @@ from typing import Any
 
 import torch
 
-from fovden.tracer import Bvh, Scene, build_bvh, make_scene
-
 from benchmarks import harness
 from benchmarks.harness import Table, alternate, available, compared, say
 from benchmarks.peers import PEERS, Fovden
 from benchmarks.scenes import add_scene_options, load_named, opaque
+from fovden.tracer import Bvh, Scene, build_bvh, make_scene
 
 STATUS = Path("/proc/self/status")
 
@@ -64,7 +63,7 @@ def size(bvh: Bvh) -> int:
 
 
 def growth(scene: Scene, side: str, threads: int) -> dict[str, int] | None:
-    """Returns by how many bytes a new process grew: ``"kept"`` and ``"peak"``; ``None`` where the system does not say."""
+    """Returns by how many bytes a new process grew, ``"kept"`` and ``"peak"``; ``None`` where nobody knows."""
     if not STATUS.is_file() or not hasattr(ctypes.CDLL(None), "malloc_trim"):
         return None
     with tempfile.TemporaryDirectory() as folder:

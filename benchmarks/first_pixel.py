@@ -29,7 +29,7 @@ class Compilations(events.Listener):  # type: ignore[misc]  # Numba has no types
         self.open: list[float] = []
         self.kernels: dict[str, float] = {}
 
-    def on_start(self, event: Any) -> None:
+    def on_start(self, _: Any) -> None:
         """Notes when a function's compilation begins."""
         self.open.append(time.process_time())
 

@@ -34,15 +34,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from fovden.tracer import Scene, trace_frame
-
 from benchmarks import harness
 from benchmarks.harness import Table, alternate, compared, positive, say
 from benchmarks.mitsuba_scene import describe
 from benchmarks.scenes import add_scene_options, left_eye, load_named, opaque
+from fovden.tracer import Scene, trace_frame
 
 SCENES = ("sponza", "pink_room")
 SPP = 4
+OLDEST_LLVM = 16  # version 15 crashed with AVX-512
 
 
 def lambertian(scene: Scene) -> Scene:
@@ -61,6 +61,9 @@ def start_mitsuba(threads: int) -> Any:
     import mitsuba  # noqa: PLC0415
 
     mitsuba.set_variant("llvm_ad_rgb")
+    version = drjit.detail.llvm_version()
+    if version[0] < OLDEST_LLVM:
+        raise ImportError(f"expected LLVM {OLDEST_LLVM} or later, got {version[0]}; see benchmarks/README.md")
     mitsuba.set_log_level(mitsuba.LogLevel.Error)
     drjit.set_thread_count(threads)
     return mitsuba
@@ -85,7 +88,10 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
             "peer": lambda w=world, p=path, i=theirs: i.append(rendered(mi, w, p, options.spp, len(i))),
         }
         times = alternate(calls, options.rounds)
-        means = [float(torch.stack(ours).mean()), sum(float(mi.TensorXf(i).torch().mean()) for i in theirs) / len(theirs)]
+        means = [
+            float(torch.stack(ours).mean()),
+            sum(float(mi.TensorXf(i).torch().mean()) for i in theirs) / len(theirs),
+        ]
         results.append({
             "scene": scene.name, "triangles": scene.triangle_count, "threads": threads, "spp": options.spp,
             "pixels": camera.resolution[0] * camera.resolution[1], "mean": means, **times,

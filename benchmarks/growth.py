@@ -22,15 +22,13 @@ from typing import Any
 import torch
 from matplotlib.figure import Figure
 
-from fovden.figures import PRINT_WIDTH, drawing
-from fovden.io import atomic_write
-from fovden.tracer import make_scene, trace_frame
-
 from benchmarks import harness
 from benchmarks.harness import Table, Times, alternate, available, positive, say
 from benchmarks.peers import Fovden, Open3D
 from benchmarks.rays import KINDS
 from benchmarks.scenes import left_eye, opaque, ray_kinds
+from fovden.figures import PRINT_WIDTH, drawing
+from fovden.tracer import make_scene, trace_frame
 
 SCENE = "pink_room"
 TRIANGLES = (1_000, 10_000, 100_000, 1_000_000, 4_000_000)
@@ -148,7 +146,9 @@ def draw(data: harness.Data) -> Figure:
                     options = {"color": colour, "label": label, "markersize": 3.5, "linewidth": 1}
                     left.plot([each["triangles"] for each in found], rates, style, **options)
         times = [_seconds(each["times"]["fovden"]) for each in frames]
-        right.plot([_pixels(each) for each in frames], times, "o-", color=COLOURS["primary"], markersize=3.5, linewidth=1)
+        right.plot(
+            [_pixels(each) for each in frames], times, "o-", color=COLOURS["primary"], markersize=3.5, linewidth=1
+        )
         left.set(xlabel="triangles", ylabel="million rays per second")
         right.set(xlabel="pixels", ylabel=f"seconds per frame, {SPP} samples per pixel")
         left.legend(frameon=False)
@@ -168,7 +168,9 @@ def resolution(text: str) -> tuple[int, int]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the benchmark, draws the figure, and returns the exit status."""
-    parser = argparse.ArgumentParser("growth", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        "growth", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--triangles", nargs="+", type=positive, default=TRIANGLES, metavar="N", help="1,000 to 10^7")
     parser.add_argument("--resolution", type=positive, nargs=2, default=RESOLUTION, metavar=("HEIGHT", "WIDTH"))
     parser.add_argument("--frames", nargs="+", type=resolution, default=FRAMES, metavar="HEIGHTxWIDTH")

@@ -11,12 +11,11 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from benchmarks.harness import threads
 from fovden import parallel
 from fovden.tracer import Bvh, Scene, build_bvh, intersect, occluded
 from fovden.tracer.bvh import _no_geometry
 from fovden.tracer.kernels.tiles import SIDE, closest_pixels
-
-from benchmarks.harness import threads
 
 __all__ = ["PEERS", "Embreex", "Fovden", "Open3D", "Structure", "differing"]
 
@@ -79,7 +78,6 @@ class Fovden(Structure):
         origins, directions, end = rays
         ends = torch.full((len(origins),), end)
         return self._limited(lambda: occluded(self.bvh, origins, directions, ends)), lambda flags: flags.numpy()
-
 
     def in_tiles(self, rays: Rays, resolution: tuple[int, int]) -> tuple[Callable[[], Any], Callable[[Any], Array]]:
         """Returns the call and the reader for the rays of a camera, which start at one point; the kernel alone."""

@@ -95,8 +95,8 @@ def note(data: harness.Data) -> str:
     return (
         f"{counts[0]:,} to {counts[-1]:,} rays of a camera of {config['resolution'][1]} x {config['resolution'][0]} "
         f"pixels; medians of {config['rounds']} rounds, ratios within each round, above 1 where fovden is faster. "
-        "M/s: millions of rays a second. Rays differ where one side meets what the other misses, or where distances are "
-        "more than a thousandth apart. "
+        "M/s: millions of rays a second. Rays differ where one side meets what the other misses, or where distances "
+        "are more than a thousandth apart. "
     )
 
 

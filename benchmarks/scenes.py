@@ -10,11 +10,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from benchmarks.harness import positive, say
 from fovden.camera import Camera, StereoCamera
 from fovden.tracer import DirectionalLight, PointLight, Scene, load_scene, make_scene
 from fovden.tracer.procedural import SCENES
-
-from benchmarks.harness import positive, say
 
 __all__ = ["ALL", "add_scene_options", "left_eye", "load_named", "opaque", "ray_kinds"]
 
