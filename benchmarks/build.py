@@ -7,7 +7,7 @@ embreex takes when it builds. fovden builds on as many.
 Memory is by how much the process grew, per triangle: once the structure is there, and at most until then. Each is
 built in a new process for that, after a small one that loads what code there is, and what was freed is given back to
 the system before each look. For fovden the structure's own size is given too, which is what rays go through; vertices
-and faces are counted where a library keeps copies of them, as Embree does.
+and faces are counted where a library keeps copies of them, as Embree does. With ``--quick`` memory is left out.
 
     python -m benchmarks.build
     python -m benchmarks.build --scenes pink_room:100000 --quick
@@ -48,7 +48,7 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
         calls = {"fovden": lambda s=scene: build_bvh(s.vertices, s.faces)}
         calls |= {peer: lambda s=scene, peer=peer: PEERS[peer](s) for peer in peers}
         times = alternate(calls, options.rounds)
-        memory = {side: growth(scene, side, threads) for side in ("fovden", *peers)}
+        memory = {side: None if options.quick else growth(scene, side, threads) for side in ("fovden", *peers)}
         bvh = build_bvh(scene.vertices, scene.faces)
         results.append({
             "scene": scene.name, "triangles": scene.triangle_count, "threads": threads,

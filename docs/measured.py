@@ -20,6 +20,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from benchmarks import harness
+from fovden.figures.convergence import convergence_slope, noise_by_samples
 from fovden.metrics import METRICS, PIXELS_PER_DEGREE
 from fovden.results import Measurement, read_config, read_metrics, read_provenance
 
@@ -120,6 +121,63 @@ class Benchmark(SphinxDirective):
         return [*found, _note(benchmark.note(data) + harness.machine(data))]
 
 
+class LightChoice(Measured):
+    """The table of ``experiments/light_choice.py``: variance, time, and what a given noise costs."""
+
+    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
+        """Returns one row for each scene and choice."""
+        header = ["scene", "lights", "choice", "variance", "us a path", "cost", "ms to build"]
+        value = {(row.scene, row.method, row.metric): row.value for row in measurements}
+        rows = []
+        for scene, lights in ((row.scene, row.value) for row in measurements if row.metric == "lights"):
+            first = None
+            for choice in (name for place, name, metric in value if (place, metric) == (scene, "microseconds")):
+                variance, time, build = (
+                    value[scene, choice, metric] for metric in ("variance_radiance", "microseconds", "seconds_build")
+                )
+                first = first or variance * time
+                cost = f"{variance * time / first:.2f}"
+                rows.append([
+                    scene, f"{lights:.0f}", choice, f"{variance:.3g}", f"{time:.2f}", cost, f"{1000 * build:.3g}"
+                ])  # fmt: skip
+        return header, rows
+
+    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
+        """Returns what was measured."""
+        height, width = config["resolution"]
+        return (
+            f"{len({row.scene for row in measurements})} scenes, both eyes of {width} x {height} pixels, "
+            f"{config['frames']} frames of {config['spp']} samples per pixel; "
+            "cost is variance times time, relative to the uniform choice; processor time on one thread. "
+        )
+
+
+class Convergence(Measured):
+    """The table of ``experiments/sampler_convergence.py``: slope, noise, and samples for the same noise."""
+
+    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
+        """Returns one row for each scene and sampler."""
+        noises = [row for row in measurements if row.metric == "noise"]
+        samples = sorted({int(row.region.removesuffix(" spp")) for row in noises})
+        shown = (samples[0], samples[len(samples) // 2], samples[-1])
+        header = ["scene", "sampler", "slope", *(f"noise at {spp} spp" for spp in shown)]
+        rows = []
+        for scene, sampler in dict.fromkeys((row.scene, row.method) for row in noises):
+            noise = noise_by_samples(measurements, scene, sampler)
+            slope = f"{convergence_slope(noise):.2f}"
+            rows.append([scene, sampler, slope, *(f"{noise[spp]:.4f}" for spp in shown)])
+        return header, rows
+
+    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
+        """Returns what was measured."""
+        height, width = config["resolution"]
+        return (
+            f"{len({row.scene for row in measurements})} scenes, both eyes of {width} x {height} pixels, "
+            f"{config['frames']} frames for each number, lights by {config['lights']}; noise is relative to the mean "
+            "radiance. "
+        )
+
+
 def _mean(measurements: Sequence[Measurement]) -> Callable[[str, str, str], float | None]:
     """A function from method, metric and region to the mean over the views; ``None`` where nothing was measured."""
 
@@ -160,4 +218,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Registers the directives."""
     app.add_directive("measured-comparison", Comparison)
     app.add_directive("measured-benchmark", Benchmark)
+    app.add_directive("measured-lights", LightChoice)
+    app.add_directive("measured-convergence", Convergence)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -18,6 +18,7 @@ __all__ = [
     "ShapeError",
     "require",
     "require_finite",
+    "require_indices",
     "require_integer",
     "require_number",
     "require_shapes",
@@ -87,6 +88,27 @@ def require_number(
     expected = "a finite number" + (", " + " and ".join(bounds) if bounds else "")
     require(math.isfinite(number) and minimum <= number <= maximum and number > above, name, value, expected)
     return number
+
+
+def require_indices(name: str, indices: Tensor, count: int) -> None:
+    """Raises unless a tensor that is not empty holds integers from 0 to ``count`` - 1.
+
+    Args:
+        name: Name of the argument.
+        indices: What was given.
+        count: Number of things that they index.
+
+    Raises:
+        ValueError: If they are not integers, or out of range.
+
+    Example:
+        >>> require_indices("faces", torch.tensor([0, 3]), 3)
+        Traceback (most recent call last):
+        ValueError: faces: expected indices from 0 to 2, got 0 to 3
+    """
+    require(not indices.is_floating_point(), name, indices.dtype, "an integer type")
+    lowest, highest = int(indices.min()), int(indices.max())
+    require(lowest >= 0 and highest < count, name, f"{lowest} to {highest}", f"indices from 0 to {count - 1}")
 
 
 def require_integer(name: str, value: object, *, minimum: int | None = None, maximum: int | None = None) -> int:

@@ -26,7 +26,7 @@ from torch import Tensor
 from fovden.checks import require, require_integer
 from fovden.jit import Float, Int, inlined
 
-__all__ = ["Stream", "philox", "uniform"]
+__all__ = ["Stream", "philox", "philox_words", "uniform"]
 
 
 class Stream(IntEnum):
@@ -129,6 +129,29 @@ _UNIT = np.float32(2.0**-24)
 
 
 @inlined
+def philox_words(seed: Int, stream: Int, pixel: Int, view: Int, sample: Int, block: Int) -> tuple[Int, Int, Int, Int]:
+    """Returns the four uint32 words from which :func:`philox` makes its numbers, with the same arguments.
+
+    Example:
+        >>> [int(word) >> 8 for word in philox_words(7, Stream.MASK, 0, 0, 0, 0)][:1]
+        [5882561]
+    """
+    c0, c1, c2, c3 = _U32(pixel), _U32(view), _U32(sample), _U32(block)
+    k0, k1 = _U32(seed), _U32(stream)
+    for _ in range(ROUNDS):
+        product_0 = _U64(_U64(c0) * _M0)
+        product_1 = _U64(_U64(c2) * _M1)
+        c0, c1, c2, c3 = (
+            _U32(_U32(_U32(product_1 >> _SHIFT_32) ^ c1) ^ k0),
+            _U32(product_1),
+            _U32(_U32(_U32(product_0 >> _SHIFT_32) ^ c3) ^ k1),
+            _U32(product_0),
+        )
+        k0, k1 = _U32(k0 + _W0), _U32(k1 + _W1)
+    return c0, c1, c2, c3
+
+
+@inlined
 def philox(seed: Int, stream: Int, pixel: Int, view: Int, sample: Int, block: Int) -> tuple[Float, Float, Float, Float]:
     """Returns the four uniform float32 numbers of dimensions 4 block .. 4 block + 3; for compiled kernels.
 
@@ -149,18 +172,7 @@ def philox(seed: Int, stream: Int, pixel: Int, view: Int, sample: Int, block: In
         >>> [round(float(x), 4) for x in philox(7, Stream.MASK, 0, 0, 0, 0)][:1]
         [0.3506]
     """
-    c0, c1, c2, c3 = _U32(pixel), _U32(view), _U32(sample), _U32(block)
-    k0, k1 = _U32(seed), _U32(stream)
-    for _ in range(ROUNDS):
-        product_0 = _U64(_U64(c0) * _M0)
-        product_1 = _U64(_U64(c2) * _M1)
-        c0, c1, c2, c3 = (
-            _U32(_U32(_U32(product_1 >> _SHIFT_32) ^ c1) ^ k0),
-            _U32(product_1),
-            _U32(_U32(_U32(product_0 >> _SHIFT_32) ^ c3) ^ k1),
-            _U32(product_0),
-        )
-        k0, k1 = _U32(k0 + _W0), _U32(k1 + _W1)
+    c0, c1, c2, c3 = philox_words(seed, stream, pixel, view, sample, block)
     return (
         np.float32(_U32(c0 >> _SHIFT_8)) * _UNIT,
         np.float32(_U32(c1 >> _SHIFT_8)) * _UNIT,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import torch
@@ -17,16 +17,26 @@ from fovden.tracer.kernels import illumination
 from fovden.tracer.kernels.illumination import LightTable
 from fovden.tracer.kernels.paths import Views
 from fovden.tracer.kernels.surface import CUTOFF, EMITTER, FINISH, MATERIAL, NORMALS, RECORD, UV, GeometryArrays
+from fovden.tracer.light_tree import build_light_tree
 from fovden.tracer.lights import DirectionalLight, EnvironmentLight, PointLight
+from fovden.tracer.sky import sky_arrays, solid_angles
 
 if TYPE_CHECKING:
     from fovden.tracer.scene import Scene
 
-__all__ = ["LightChoice", "emissive_triangles", "geometry_arrays", "light_table", "view_arrays"]
+__all__ = [
+    "LightChoice",
+    "areas_of",
+    "emissive_triangles",
+    "geometry_arrays",
+    "light_table",
+    "view_arrays",
+]
 
-LightChoice = Literal["uniform", "power"]
-"""How a path chooses one of the lights: all alike, as in the 2019 and 2023 papers, or by their power. The mean is the
-same. By power it has less variance where lights differ and reach alike; more, where the strongest is mostly hidden."""
+LightChoice = Literal["uniform", "power", "tree"]
+"""How a path chooses one of the lights: all alike, as in the 2019 and 2023 papers, by their power, or by what they can
+bring to the surface, with a tree over them. The mean is the same. By power it has less variance where lights differ and
+reach alike; more, where the strongest is mostly hidden. The tree is for many lights, of which each reaches little."""
 
 DEFENSIVE_SHARE = 0.5
 """Share of the choices by power that are made uniformly, so that a light's chance is never below half of the uniform
@@ -93,6 +103,23 @@ def geometry_arrays(scene: Scene, alike: GeometryArrays | None = None, changed: 
     )
 
 
+def areas_of(vertices: Tensor, faces: Tensor) -> Tensor:
+    """Returns the areas of triangles in square metres, float64, shape (m).
+
+    Args:
+        vertices: Positions in metres, shape (n, 3).
+        faces: Vertex numbers, shape (m, 3).
+
+    Example:
+        >>> areas_of(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]]))
+        tensor([0.5000], dtype=torch.float64)
+    """
+    corners = vertices.detach().double()[faces.long()]
+    edges = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas: Tensor = torch.linalg.vector_norm(edges, dim=1) / 2
+    return areas
+
+
 def _write_triangles(records: Tensor, scene: Scene, changed: Tensor | None = None) -> None:
     """Writes all triangles, or those that changed, as :mod:`fovden.tracer.kernels.surface` reads them, (m, 32)."""
     chosen = slice(None) if changed is None else changed
@@ -141,7 +168,7 @@ def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
         >>> light_table(make_scene("cornell_box")).kind
         array([2, 2], dtype=int32)
     """
-    require(choice in ("uniform", "power"), "choice", choice, "'uniform' or 'power'")
+    require(choice in get_args(LightChoice), "choice", choice, f"one of {', '.join(get_args(LightChoice))}")
     lower, upper = scene.vertices.detach().amin(0), scene.vertices.detach().amax(0)
     disc = math.pi * float((upper - lower).double().norm() / 2) ** 2
     kinds: list[int] = []
@@ -172,26 +199,39 @@ def light_table(scene: Scene, choice: LightChoice = "uniform") -> LightTable:
     listed = len(kinds)
     colour = torch.cat([torch.tensor(colours, dtype=torch.float32).reshape(-1, 3), emission])
     scale = torch.cat([torch.tensor(scales, dtype=torch.float64), math.pi * scene.triangle_areas[prim]])
-    weight = torch.ones_like(scale)
-    if choice == "power":
-        weight = scale * luminance(colour.double()[None, :, :, None].transpose(1, 2))[0, 0, :, 0]
-        weight = torch.where(weight.sum() > 0, weight, torch.ones_like(weight))
-    pmf = weight / weight.sum()
-    if choice == "power":
-        pmf = (1 - DEFENSIVE_SHARE) * pmf + DEFENSIVE_SHARE / len(pmf)
-    cdf = torch.cumsum(pmf, 0)
+    kind = torch.cat([torch.tensor(kinds, dtype=torch.int32), torch.full((len(prim),), illumination.TRIANGLE)]).int()
+    vector = torch.cat([torch.tensor(vectors).reshape(-1, 3), torch.zeros(len(prim), 3)])
+    shine = luminance(colour.double()[None, :, :, None].transpose(1, 2))[0, 0, :, 0]
+    pmf = torch.full_like(scale, 1 / max(len(scale), 1))
+    nodes, leaf, share = torch.zeros(0, 0), torch.zeros(len(scale), dtype=torch.int32), 0.0
+    if choice == "power" and bool((scale * shine).sum() > 0):
+        power = scale * shine
+        pmf = (1 - DEFENSIVE_SHARE) * power / power.sum() + DEFENSIVE_SHARE * pmf
+    elif choice == "tree":
+        outside = (kind == illumination.DIRECTIONAL) | (kind == illumination.ENVIRONMENT)
+        corners = vector.double()[:, None].repeat(1, 3, 1)
+        corners[listed:] = scene.vertices.detach().double()[scene.faces[prim].long()]
+        intensity = shine * torch.where(kind == illumination.TRIANGLE, scale / math.pi, 1.0)
+        nodes, leaf = build_light_tree(corners, intensity * ~outside)
+        if len(nodes):
+            share = 1 / (1 + int(outside.sum()))
+            pmf = share * ((leaf > 0) | outside).double()
+    by_sums = pmf * (leaf == 0)
+    cdf = torch.cumsum(by_sums / by_sums.sum().clamp_min(1e-300), 0)
     return LightTable(
-        kind=torch.cat([torch.tensor(kinds, dtype=torch.int32), torch.full((len(prim),), illumination.TRIANGLE)])
-        .to(torch.int32)
-        .numpy(),
-        vector=torch.cat([torch.tensor(vectors).reshape(-1, 3), torch.zeros(len(prim), 3)]).numpy(),
+        kind=kind.numpy(),
+        vector=vector.numpy(),
         colour=colour.numpy(),
         prim=torch.cat([torch.full((listed,), -1), prim]).to(torch.int32).numpy(),
         pmf=pmf.float().numpy(),
         cdf=cdf.float().numpy(),
+        tree=nodes.numpy(),
+        leaf=leaf.numpy(),
+        tree_share=np.float32(share),
         environment=surroundings.numpy(),
+        sky=sky_arrays(surroundings),
         first_emitter=listed,
-        sky=kinds.index(illumination.ENVIRONMENT) if surroundings.numel() else -1,
+        sky_row=kinds.index(illumination.ENVIRONMENT) if surroundings.numel() else -1,
     )
 
 
@@ -217,7 +257,5 @@ def _environment_image(light: EnvironmentLight) -> Tensor:
 
 def _mean_over_sphere(image: Tensor) -> list[float]:
     """Mean radiance over all directions: rows weighted by the solid angle that they cover."""
-    edges = torch.cos(torch.linspace(0, math.pi, image.shape[0] + 1, dtype=torch.float64))
-    weight = (edges[:-1] - edges[1:]) / 2
-    mean: list[float] = (image.double().mean(1) * weight[:, None]).sum(0).tolist()
+    mean: list[float] = (image.double().mean(1) * solid_angles(image.shape[0])[:, None]).sum(0).tolist()
     return mean

@@ -19,7 +19,7 @@ albedo. With n the normal, v the viewer, l the light, h = normalise(v + l), w = 
     f = rho / pi * (A + B max(0, l.v - l_n v_n) / max(l_n, v_n)) / max(1, A + B / 2), where A = 1 - s^2 / (2 (s^2 +
     0.33)), B = 0.45 s^2 / (s^2 + 0.09), and s is the roughness, in radians: the qualitative model of Oren and Nayar,
     "Generalization of Lambert's reflectance model" (SIGGRAPH 1994), sampled by the cosine. The last divisor is ours: to
-    a grazing viewer the model shows A + B / 2 of a white sky, which for s < 0.49 is up to 1.4 % too much.
+    a grazing viewer the model shows A + B / 2 of a white sky, which for s < 0.33 is up to 1.5 % too much.
 
 ``"ggx"``
     f = D G2 / (4 l_n v_n) * (rho + (1 - rho) w): Walter et al. (2007), of width alpha = max(0.001, roughness^2), with

@@ -24,7 +24,7 @@ from fovden.tracer.sequence import Instant
 
 __all__ = ["trace_gbuffer"]
 
-TILES_AT_ONCE = 128  # of four by four pixels
+PIXELS_PER_TILE = 2048
 
 FIELDS = {
     "albedo": 3,
@@ -55,7 +55,7 @@ def trace_gbuffer(
         camera: The views.
         jitter: Shift (x, y) of all rays in pixels; (0, 0) means pixel centres.
         previous: Scene and camera of the previous frame; ``None`` for none.
-        progress: See :func:`fovden.parallel.run`.
+        progress: See :func:`fovden.parallel.run`; it counts tiles of four by four pixels.
 
     Returns:
         The G-buffer. Its ``motion`` is that of :func:`fovden.tracer.motion.motion_vectors`, or zero without a previous
@@ -120,7 +120,7 @@ def _traced(
             np.float32(jitter[1] + 0.5),
             *(tensor.numpy() for tensor in written),
         ),
-        tile=TILES_AT_ONCE,
+        tile=max(1, PIXELS_PER_TILE // SIDE**2),
         progress=progress,
         description="G-buffer",
     )

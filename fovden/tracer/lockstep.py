@@ -1,9 +1,9 @@
 """Walks the acceleration structure with tensor operations: all rays take their steps together, on any device.
 
-A hundred times slower than the kernels and free of compiled code: the way without Numba, and their oracle. A triangle
-is tested by the same operations in the same order, each rounded by itself, and of hits at the same distance the
-triangle of the lowest number counts. So hits are equal to the bit, in whatever order nodes are visited. Only
-``decoded`` knows what a node and a leaf look like.
+A hundred times slower than the kernels: for devices that they do not reach, and their oracle. A triangle is tested by
+the same operations in the same order, each rounded by itself, and of hits at the same distance the triangle of the
+lowest number counts. So hits are equal to the bit, in whatever order nodes are visited. Only ``decoded`` knows what a
+node and a leaf look like.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def closest_hits(
         >>> structure = decoded(*make_scene("cornell_box").bvh)
         >>> ray = torch.tensor([[2.78, 1.0, -8.0]]), torch.tensor([[0.0, 0.0, 1.0]])
         >>> [round(float(x), 3) for x in closest_hits(structure, *ray, torch.tensor([torch.inf]))]
-        [10.98, 0.418, 0.0, 26.0]
+        [9.103, 0.075, 0.531, 25.0]
     """
     holes = None if geometry is None else _Holes.of(GeometryArrays(*geometry), origins.device)
     parts = []

@@ -179,7 +179,7 @@ def surface_points(frame: Frame, coords: Tensor | None = None) -> SurfacePoints:
             order.
 
     Returns:
-        The points.
+        The points, on the CPU.
 
     Raises:
         ValueError: If the frame has no camera, or a pixel lies outside.
@@ -196,16 +196,17 @@ def surface_points(frame: Frame, coords: Tensor | None = None) -> SurfacePoints:
         raise ValueError("frame.camera: expected the camera that saw the frame, got None")
     coords = (frame.counts[:, 0] > 0).nonzero() if coords is None else coords
     require_shapes("n 3", coords=coords)
+    coords, views = coords.cpu(), frame.camera
     limits = torch.tensor([frame.view_count, *frame.resolution])
     outside = coords[((coords < 0) | (coords >= limits)).any(dim=1)]
     require(len(outside) == 0, "coords", outside[:1].tolist(), f"view, y and x from 0 to below {limits.tolist()}")
     view, y, x = coords.long().unbind(1)
     return SurfacePoints(
         coords=coords,
-        counts=frame.counts[view, 0, y, x],
-        prim=frame.gbuffer.prim[view, 0, y, x],
-        barycentric=frame.gbuffer.barycentric.detach()[view, :, y, x],
-        camera=frame.camera,
+        counts=frame.counts.cpu()[view, 0, y, x],
+        prim=frame.gbuffer.prim.cpu()[view, 0, y, x],
+        barycentric=frame.gbuffer.barycentric.detach().cpu()[view, :, y, x],
+        camera=Camera(views.origin.cpu(), views.rotation.cpu(), views.bounds.cpu(), views.resolution),
         seed=frame.seed,
         jitter=frame.jitter,
     )

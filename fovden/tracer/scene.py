@@ -15,10 +15,10 @@ import torch
 from torch import Tensor
 
 from fovden.camera import StereoCamera
-from fovden.checks import ShapeError, require, require_finite, require_shapes
+from fovden.checks import ShapeError, require, require_finite, require_indices, require_shapes
 from fovden.io.files import FilePath
 from fovden.preview import never_raising
-from fovden.tracer.arrays import LightChoice, geometry_arrays, light_table
+from fovden.tracer.arrays import LightChoice, areas_of, geometry_arrays, light_table
 from fovden.tracer.bvh import Backend, Bvh, Hits, Tree, build_bvh, build_tree, intersect, occluded, refit_bvh
 from fovden.tracer.formats import write_gltf, write_obj
 from fovden.tracer.gradient import attached, corners_at, hits_at, is_differentiable
@@ -81,8 +81,8 @@ class Scene:
         require_shapes("m", sizes, material_ids=self.material_ids)
         require(sizes["m"] > 0, "faces", tuple(self.faces.shape), "at least one triangle (the scene is empty)")
         require_finite("vertices", self.vertices)
-        _require_indices("faces", self.faces, sizes["n"])
-        _require_indices("material_ids", self.material_ids, len(self.materials.names))
+        require_indices("faces", self.faces, sizes["n"])
+        require_indices("material_ids", self.material_ids, len(self.materials.names))
         for name, width in (("normals", 3), ("uv", 2)):
             values = getattr(self, name)
             values = torch.zeros(sizes["n"], width) if values is None else values
@@ -127,9 +127,9 @@ class Scene:
         if self._same_geometry is not None:
             return self._same_geometry.triangle_areas
         if self._same_surfaces is None:
-            return _areas(self.vertices, self.faces)
+            return areas_of(self.vertices, self.faces)
         areas = self._same_surfaces.triangle_areas.clone()
-        areas[self._changed] = _areas(self.vertices, self.faces[self._changed])
+        areas[self._changed] = areas_of(self.vertices, self.faces[self._changed])
         return areas
 
     def kernel_arrays(self, lights: LightChoice) -> tuple[Any, ...]:
@@ -398,16 +398,3 @@ class Scene:
     @never_raising
     def _repr_html_(self) -> str:
         return scene_card(self)
-
-
-def _areas(vertices: Tensor, faces: Tensor) -> Tensor:
-    corners = vertices.detach().double()[faces.long()]
-    edges = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas: Tensor = torch.linalg.vector_norm(edges, dim=1) / 2
-    return areas
-
-
-def _require_indices(name: str, indices: Tensor, count: int) -> None:
-    require(not indices.is_floating_point(), name, indices.dtype, "an integer type")
-    lowest, highest = int(indices.min()), int(indices.max())
-    require(lowest >= 0 and highest < count, name, f"{lowest} to {highest}", f"indices from 0 to {count - 1}")

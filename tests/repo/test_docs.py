@@ -149,12 +149,12 @@ def test_numbers_on_the_pages_are_read_from_measurements():
     from fovden.results import read_config, read_metrics
 
     found = [directive for page in PAGES for directive in re.findall(DIRECTIVE, page.read_text(), re.MULTILINE)]
-    folders = [folder for kind, folder in found if kind == "comparison"]
+    folders = [(kind, DOCS / folder) for kind, folder in found if kind != "benchmark"]
     assert folders
-    for folder in folders:
-        assert len(read_metrics(DOCS / folder)) > 10
-        assert read_config(DOCS / folder)["view"]
-        assert (DOCS / folder / "provenance.json").is_file()
+    for kind, folder in folders:
+        assert len(read_metrics(folder)) > 10
+        assert read_config(folder)["view" if kind == "comparison" else "scenes"]
+        assert (folder / "provenance.json").is_file()
     benchmarks = {name for kind, name in found if kind == "benchmark"}
     assert benchmarks == {path.stem for path in (ROOT / "benchmarks" / "results").glob("*.json")}
 

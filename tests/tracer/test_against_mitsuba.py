@@ -194,15 +194,16 @@ def perspective(mi, camera):
     return {"type": "perspective", "film": film(SIZE, SIZE), **lens}
 
 
-def rendered_by_mitsuba(mi, scene, sensor, folder, depths=(1, 2, 3)):
+def rendered_by_mitsuba(mi, scene, sensor, folder, depths=(1, 2, 3), emitters=None):
     """Batches of images, shape (batches, h w, 3), for the path tracer of depth 1 (emission), 2 (and direct), 3."""
-    world = mi.load_dict({"type": "scene", "sensor": sensor, **shapes_of(scene, folder), **emitters_of(scene.lights)})
+    emitters = emitters_of(scene.lights) if emitters is None else emitters
+    world = mi.load_dict({"type": "scene", "sensor": sensor, **shapes_of(scene, folder), **emitters})
     # Seeds far apart and without pattern: those near each other give pictures that share most random numbers, since
     # Mitsuba adds the pixel's number to the seed.
-    seeds = np.random.default_rng(12).integers(0, 2**32, (4, BATCHES))
+    seeds = np.random.default_rng(12).integers(0, 2**32, (max(depths) + 1, BATCHES))
     images = {}
     for depth in depths:
-        integrator = mi.load_dict({"type": "path", "max_depth": depth})
+        integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 100})
         count = 1 if depth == 1 else BATCHES  # emission alone has no noise
         renders = [mi.render(world, integrator=integrator, spp=SPP, seed=int(seed)) for seed in seeds[depth, :count]]
         images[depth] = np.stack([np.array(render, dtype=np.float64).reshape(-1, 3) for render in renders])

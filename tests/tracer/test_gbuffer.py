@@ -216,12 +216,12 @@ def test_jitter_shifts_the_rays():
     assert torch.equal(moved.position[..., :-2, :-1], centred.position[..., 2:, 1:])
 
 
-def test_progress_counts_every_pixel_of_every_view():
+def test_progress_counts_the_tiles_of_every_view():
     reports = []
     trace_gbuffer(
         scene_of((rounded(box((1, 1, 1), (1, 1, 1))[0]), box((1, 1, 1), (1, 1, 1))[1])),
         camera(),
         progress=reports.append,
     )
-    assert reports[-1] == 2 * RESOLUTION[0] * RESOLUTION[1]
+    assert reports[-1] == 2 * -(-RESOLUTION[0] // 4) * -(-RESOLUTION[1] // 4)
     assert reports == sorted(reports)

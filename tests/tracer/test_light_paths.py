@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import get_args
 
 import pytest
 import torch
@@ -22,6 +23,8 @@ from fovden.tracer import (
     surface_points,
     trace_frame,
 )
+from fovden.tracer.arrays import LightChoice
+from fovden.tracer.integrator import Sampler
 from fovden.tracer.light_paths import environment_at
 
 CAMERA = StereoCamera.look_at((0.2, 0.1, 1.8), (0.0, -0.2, 0.0), fov_y_deg=70, resolution=(16, 20))
@@ -61,7 +64,11 @@ def with_colours(scene, albedo, emission, lights):
 
 @pytest.mark.parametrize(
     "integrator",
-    [Integrator(), Integrator(bounces=4, lights="power", roulette=2), Integrator(bounces=0), Integrator(bounces=2)],
+    [
+        *(Integrator(lights=lights, sampler=get_args(Sampler)[-1]) for lights in get_args(LightChoice)),
+        Integrator(bounces=4, lights="power", roulette=2),
+        Integrator(bounces=0),
+    ],
 )
 def test_the_light_is_what_was_traced(scene, integrator):
     counts = torch.randint(0, 5, (2, 1, 16, 20), generator=generator(4), dtype=torch.int32)
@@ -93,6 +100,7 @@ def test_derivatives_by_tracing_again(scene):
     directions = [torch.rand(3, 3, generator=generator(i)) - 0.5 for i in range(2)]
     directions += [torch.rand(colour.shape, generator=generator(7)) for colour in colours(scene)[:2]]
     step = 0.1
+    _, paths = recorded(scene)
     start = [scene.materials.albedo, scene.materials.emission, *colours(scene)]
     for number, direction in enumerate(directions):
         move = [torch.zeros_like(tensor) for tensor in start]
@@ -103,7 +111,6 @@ def test_derivatives_by_tracing_again(scene):
         for sign in (-1, 1):
             albedo, emission, *lights = (tensor + sign * step * by for tensor, by in zip(start, move, strict=True))
             pictures.append(trace_frame(with_colours(scene, albedo, emission, lights), CAMERA, 2, seed=5))
-        _, paths = recorded(scene)
         with forward_ad.dual_level():
             albedo, emission, *lights = map(forward_ad.make_dual, start, move)
             light = paths.shade(albedo=albedo, emission=emission, lights=lights)
@@ -151,7 +158,7 @@ def test_textures_share_the_derivative_of_their_factors(scene):
     assert torch.allclose(*flat, rtol=1e-5)
 
 
-def small(scene, count=12):
+def small(scene, count=5):
     """A few paths of the lit room, that meet all lights."""
     frame, _ = recorded(scene, 2)
     lit = (frame.indirect.amin(1) > 0).nonzero()
@@ -173,7 +180,7 @@ def test_formulas_by_gradcheck(scene):
         return light.direct, light.indirect, light.emission, light.luminance_squared
 
     # What is dark stays dark: it has no derivative. ``gradcheck`` agrees, for there is no difference either.
-    assert gradcheck(shade, given, check_forward_ad=True)
+    assert gradcheck(shade, given, check_forward_ad=True, fast_mode=True)
     assert gradgradcheck(lambda *x: sum(part.sum() for part in shade(*x)), given, fast_mode=True)
 
 

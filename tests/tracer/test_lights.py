@@ -88,7 +88,7 @@ def test_bad_choices_are_refused():
     scene = scene_of([(FLOOR, matt(1))], [EnvironmentLight(1), EnvironmentLight(2)])
     with pytest.raises(ValueError, match="at most one environment"):
         light_table(scene)
-    with pytest.raises(ValueError, match="'uniform' or 'power'"):
+    with pytest.raises(ValueError, match="uniform, power, tree"):
         light_table(scene, "random")
     with pytest.raises(ValueError, match="no light"):
         trace_frame(scene.with_lights([]), view((0, 1.5, 1.5), (0, 0, 0)), 1)
@@ -171,7 +171,7 @@ def test_choosing_by_power_has_less_variance_where_lights_differ():
     assert spread["power"] < 0.2 * spread["uniform"]
 
 
-@pytest.mark.parametrize("lights", ["uniform", "power"])
+@pytest.mark.parametrize("lights", ["uniform", "power", "tree"])
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_dark_lights_change_nothing(lights, place):
     sources = [PointLight((0, 3, 0), 5), PointLight((1, 2, 1), 2)]
@@ -190,7 +190,7 @@ def test_dark_lights_change_nothing(lights, place):
     assert_mean(direct.mean(1), expected.mean())
 
 
-@pytest.mark.parametrize("lights", ["uniform", "power"])
+@pytest.mark.parametrize("lights", ["uniform", "power", "tree"])
 def test_a_scene_of_dark_lights_is_black(lights):
     scene = scene_of([(FLOOR, matt(1))], [PointLight((0, 1, 0), 0), EnvironmentLight(0)])
     frame = trace_frame(scene, view((0, 1.5, 1.5), (0, 0, 0)), 8, integrator=Integrator(lights=lights))

@@ -126,7 +126,7 @@ def test_an_emitting_polygon_gives_lamberts_irradiance(polygon):
     camera = view((0.2, 0.9, 3), (0.2, 0, 0.4), size=4, fov=12)
     points = seen_points(camera, (0, 0, 0), UP)
     expected = np.array(ALBEDO) * emission * polygon_form_factor(points, UP, polygon)[:, None]
-    for lights in ("uniform", "power"):
+    for lights in ("uniform", "power", "tree"):
         parts = batches(scene, camera, spp=256, count=64, lights=lights)
         assert_mean(parts["direct"], expected)
         # 262144 samples, each with a relative standard deviation of about 1: 0.2 % by noise, five times that is
@@ -206,7 +206,7 @@ def test_an_emitting_closed_room_gives_the_first_terms_of_the_geometric_series()
     emission = np.array([1.0, 2.0, 4.0])
     scene = scene_of([(sphere(3, inwards=True), matt(ALBEDO, emission))])
     camera = view((0.1, 0.2, 0.3), (1, 0, 0), fov=70)
-    for lights in ("uniform", "power"):
+    for lights in ("uniform", "power", "tree"):
         parts = batches(scene, camera, spp=32, lights=lights)
         direct, indirect = (np.array(ALBEDO) ** n * emission for n in (1, 2))
         assert_close(parts["emission"], emission)

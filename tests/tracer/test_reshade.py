@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import get_args
 
 import pytest
 import torch
@@ -20,9 +21,12 @@ from fovden.tracer import (
     surface_points,
     trace_frame,
 )
+from fovden.tracer.arrays import LightChoice
+from fovden.tracer.integrator import Sampler
 
 CAMERA = StereoCamera.look_at((0.2, 0.1, 1.8), (0.0, -0.2, 0.0), fov_y_deg=70, resolution=(24, 30))
-INTEGRATORS = [Integrator(), Integrator(bounces=3, lights="power", roulette=2), Integrator(bounces=0)]
+INTEGRATORS = [Integrator(lights=lights, sampler=get_args(Sampler)[-1]) for lights in get_args(LightChoice)]
+INTEGRATORS += [Integrator(), Integrator(bounces=3, lights="power", roulette=2), Integrator(bounces=0)]
 
 
 @pytest.fixture(scope="module")

@@ -99,12 +99,12 @@ class ImageFiles:
     def __init__(self) -> None:
         self._known: dict[Any, Tensor] = {}
 
-    def read(self, path: Path, convert: Callable[[Image.Image], Tensor]) -> Tensor:
+    def read(self, path: Path, convert: Callable[[Any], Tensor]) -> Tensor:
         """Returns what an image says.
 
         Args:
             path: The file.
-            convert: Makes a tensor of the image.
+            convert: Makes a tensor of the image, which Pillow has opened.
 
         Returns:
             The tensor.

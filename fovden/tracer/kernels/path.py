@@ -149,7 +149,7 @@ def met_light(
     """Radiance of what a bounce ran into, weighted against light sampling; zero where that does not shine."""
     colour, row, other = Vector(ZERO, ZERO, ZERO), np.int64(-1), ZERO
     if hit.prim < 0:
-        row = np.int64(world.lights.sky)
+        row = np.int64(world.lights.sky_row)
         if row >= 0:
             colour = environment_radiance(world.lights, direction)
             other = sky_density(world.lights, surface, direction)

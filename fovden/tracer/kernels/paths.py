@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
-from fovden.rng import Stream, philox
+from fovden.rng import Stream
 from fovden.simd import advanced, load_int32, pointer_to, stack_floats, stack_words
 from fovden.tracer.kernels.bsdf import gbuffer_roughness
+from fovden.tracer.kernels.draws import draw
 from fovden.tracer.kernels.illumination import LightTable, environment_radiance
 from fovden.tracer.kernels.layout import SCRATCH_SIZE, STACK_SIZE
 from fovden.tracer.kernels.path import TAPE, Hit, Setting, Tape, World, open_world, trace, trace_path
@@ -309,7 +310,7 @@ def accumulate_all(
         for sample in range(first_sample, last_sample):
             if jittered or sample == first_sample:
                 if jittered:
-                    shift_x, shift_y, _, _ = philox(setting.seed, JITTER, y * width + x, view, sample, 0)
+                    shift_x, shift_y, _, _ = draw(setting.sampler, setting.seed, JITTER, y * width + x, view, sample, 0)
                     origin, direction = view_ray(views, view, np.float32(x) + shift_x, np.float32(y) + shift_y)
                 hit = trace(world, scratch, origin, direction)
                 own = background(world, hit, direction)
