@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format notebooks docs clean
+.PHONY: help demo test test-slow lint format notebooks docs bench clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s  %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -41,6 +41,10 @@ docs: $(READY) ## build the documentation; NOTEBOOK=full runs its notebook at fu
 	  -d out/docs-cache/pages docs out/docs
 	@echo "Open out/docs/index.html"
 
+bench: .venv-bench/ready ## measure speed beside peers, for the documentation's tables (half an hour); BENCH=--quick tries
+	@set -e; for name in rays frame build growth cold_start flip; do \
+	  .venv-bench/bin/python -m benchmarks.$$name $(BENCH); done
+
 clean: ## remove results, caches and builds; .venv stays
 	@rm -rf build dist out .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 	@find fovden tests experiments benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -54,3 +58,11 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $(READY)
+
+# The peers are large, and only benchmarks need all of them.
+.venv-bench/ready: pyproject.toml constraints.txt benchmarks/requirements.txt
+	@echo "Setting up .venv-bench; the first time takes some minutes."
+	@$(PYTHON) -m venv .venv-bench
+	@.venv-bench/bin/python -m pip install --quiet --disable-pip-version-check \
+	  -c constraints.txt -r benchmarks/requirements.txt -e '.[oracle]'
+	@touch .venv-bench/ready

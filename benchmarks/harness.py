@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
+from matplotlib.figure import Figure
 
 from fovden.io import atomic_write
 from fovden.results import provenance
@@ -48,6 +49,7 @@ __all__ = [
 
 RESULTS = Path(__file__).parent / "results"
 ROUNDS, FEWEST_ROUNDS = 7, 5
+PICTURE_DPI = 160
 PEERS = ("open3d", "embreex", "mitsuba", "drjit", "flip-evaluator")
 
 Times = dict[str, list[float]]
@@ -156,7 +158,7 @@ def _save(path: Path, name: str, arguments: Sequence[str], options: argparse.Nam
     origin = provenance() | {"command": ["python", "-m", f"benchmarks.{name}", *arguments], "cores": threads()}
     origin["versions"] |= versions
     origin["load"] = options.load
-    hidden = ("output", "load", "show")
+    hidden = ("output", "load", "show", "picture")
     config = {key: value for key, value in vars(options).items() if key not in hidden}
     data = {"benchmark": name, "config": config, "provenance": origin, "results": results}
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -194,8 +196,9 @@ def run(
     tables: Callable[[Data], list[Table]],
     note: Callable[[Data], str],
     arguments: Sequence[str] | None = None,
+    draw: Callable[[Data], Figure] | None = None,
 ) -> int:
-    """Reads the command line, measures, saves and prints.
+    """Reads the command line, measures, saves, prints and draws.
 
     Args:
         name: The module's name within ``benchmarks``.
@@ -204,6 +207,8 @@ def run(
         tables: The tables of the results.
         note: What was measured, in sentences.
         arguments: The words after the script's name; ``None`` for those of the process.
+        draw: The figure of the results; it goes to the file that the option ``--picture`` names, with ``--quick`` into
+            the folder of the results.
 
     Returns:
         The exit status: 0, 2 after bad input, 130 after Ctrl-C.
@@ -235,6 +240,11 @@ def run(
     for table in tables(data):
         print(f"\n{table.title}\n{_plain(table)}")
     print(f"\n{note(data)}\n{machine(data)}\n{path}")
+    if draw is not None:
+        picture = path.with_suffix(".png") if options.quick else options.picture
+        with atomic_write(picture) as temporary:
+            draw(data).savefig(temporary, format="png", dpi=PICTURE_DPI)
+        print(picture)
     return 0
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,8 @@ from torch import Tensor
 from benchmarks.harness import threads
 from fovden import parallel
 from fovden.tracer import Bvh, Scene, build_bvh, intersect, occluded
+from fovden.tracer.bvh import _no_geometry
+from fovden.tracer.kernels.tiles import SIDE, closest_pixels
 
 __all__ = ["PEERS", "Embreex", "Fovden", "Open3D", "Structure", "differing"]
 
@@ -54,8 +55,6 @@ class Fovden(Structure):
     """``fovden.tracer.intersect`` and ``occluded``: distance, barycentric coordinates and triangle; or a flag."""
 
     name = "fovden"
-    tiled = find_spec("fovden.tracer.kernels.tiles") is not None
-    """Whether rays can be traced in tiles."""
 
     def __init__(self, scene: Scene, threads: int, bvh: Bvh | None = None) -> None:
         self.threads = threads
@@ -82,9 +81,6 @@ class Fovden(Structure):
 
     def in_tiles(self, rays: Rays, resolution: tuple[int, int]) -> tuple[Callable[[], Any], Callable[[Any], Array]]:
         """Returns the call and the reader for the rays of a camera, which start at one point; the kernel alone."""
-        from fovden.tracer.bvh import _no_geometry  # noqa: PLC0415
-        from fovden.tracer.kernels.tiles import SIDE, closest_pixels  # noqa: PLC0415
-
         height, width = resolution
         count = -(-height // SIDE) * -(-width // SIDE)
         arrays = self.bvh.nodes.numpy(), self.bvh.blocks.numpy(), _no_geometry(), False

@@ -50,7 +50,7 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
             own = Fovden(scene, theirs.threads, bvh)
             for kind in KINDS:
                 rays = kinds.get("primary" if kind == "tiles" else kind)
-                if rays is not None and (kind != "tiles" or Fovden.tiled):
+                if rays is not None:
                     say(f"{scene.name}, {scene.triangle_count} triangles: {kind}, {own.threads} threads, {peer}")
                     found = compare(own, theirs, kind, rays, camera.resolution, options.rounds)
                     results.append({"scene": scene.name, "triangles": scene.triangle_count, "package": peer, **found})
@@ -95,8 +95,8 @@ def note(data: harness.Data) -> str:
     return (
         f"{counts[0]:,} to {counts[-1]:,} rays of a camera of {config['resolution'][1]} x {config['resolution'][0]} "
         f"pixels; medians of {config['rounds']} rounds, ratios within each round, above 1 where fovden is faster. "
-        "M/s: millions of rays a second. Rays differ where one side meets what the other misses, or where distances are "
-        "more than a thousandth apart. "
+        "M/s: millions of rays a second. Rays differ where one side meets what the other misses, or where distances "
+        "are more than a thousandth apart. "
     )
 
 

@@ -10,7 +10,7 @@ from fovden import __version__
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-sys.path.insert(0, str(HERE))  # for docstrings.py, gallery.py and measured.py
+sys.path[:0] = [str(HERE), str(ROOT)]  # for docstrings.py, gallery.py and measured.py; for the benchmarks' tables
 
 project, release, copyright = "fovden", __version__, "the fovden authors"  # noqa: A001 - Sphinx's word
 extensions = [

@@ -1,14 +1,16 @@
 """Tables of the documentation that are made from measurements, when the pages are built.
 
-A page names the folder of a run; the directives read its ``metrics.csv``, ``config.json`` and ``provenance.json``
-(:mod:`fovden.results`), so that no number on a page is typed by hand.
+A page names the folder of a run, whose ``metrics.csv``, ``config.json`` and ``provenance.json`` are read
+(:mod:`fovden.results`), or a benchmark, whose results are in ``benchmarks/results``, so that no number on a page is
+typed by hand.
 """
 
 from __future__ import annotations
 
 import statistics
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +19,12 @@ from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
+from benchmarks import harness
 from fovden.figures.convergence import convergence_slope, noise_by_samples
 from fovden.metrics import METRICS, PIXELS_PER_DEGREE
 from fovden.results import Measurement, read_config, read_metrics, read_provenance
 
 SOURCES = ("metrics.csv", "config.json", "provenance.json")
-KINDS = {"primary": "camera, closest hit", "bounce": "diffuse bounce, closest hit", "shadow": "shadow, any hit"}
 
 
 class Measured(SphinxDirective, ABC):
@@ -98,73 +100,25 @@ class Comparison(Measured):
         )
 
 
-class Rays(Measured):
-    """The table of ``benchmarks/rays.py``: rays a second, and how they compare with Embree's in the same rounds."""
+class Benchmark(SphinxDirective):
+    """The tables of a benchmark, by the name of its module: the same that it prints, from ``benchmarks/results``."""
 
-    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
-        """Returns one row for each kind of rays."""
-        header = ["rays", "number", "fovden, M/s", "Embree, M/s", "ratio", "lowest to highest", "ratio, all outputs"]
-        rows = []
-        for kind, title in KINDS.items():
-            count = next(row.value for row in measurements if (row.region, row.metric) == (kind, "rays"))
-            own, triangle, everything = (
-                [r.value for r in measurements if (r.method, r.region, r.metric) == (method, kind, "seconds")]
-                for method in ("fovden", "embreex, triangle", "embreex, all")
-            )
-            ratios = _ratios(triangle, own)
-            rows.append([
-                title,
-                f"{count:,.0f}",
-                f"{count / statistics.median(own) / 1e6:.2f}",
-                f"{count / statistics.median(triangle) / 1e6:.2f}",
-                f"{statistics.median(ratios):.2f}",
-                f"{min(ratios):.2f} to {max(ratios):.2f}",
-                f"{statistics.median(_ratios(everything, own)):.2f}" if everything else "",
-            ])  # fmt: skip
-        return header, rows
+    required_arguments = 1
 
-    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
-        """Returns scene, rounds and the time to build."""
-        triangles = next(row.value for row in measurements if row.metric == "triangles")
-        built = {row.method: row.value for row in measurements if row.region == "build"}
-        return (
-            f"{measurements[0].scene}, {triangles:,.0f} triangles; medians of {config['repeats']} rounds, ratios "
-            f"within each round, above 1 where fovden is faster. Building took {built['fovden']:.2f} s, Embree "
-            f"{built['embreex']:.2f} s. embreex {config['embreex']}; one thread each. "
-        )
-
-
-class Flip(Measured):
-    """The table of ``benchmarks/metrics.py``: FLIP's time and error maps beside those of its authors' evaluator."""
-
-    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
-        """Returns one row for each kind of FLIP."""
-        header = ["FLIP", "fovden, s", "evaluator, s", "ratio", "lowest to highest", "largest difference of the maps"]
-        rows = []
-        for kind in dict.fromkeys(row.region for row in measurements):
-            own, theirs = (
-                [r.value for r in measurements if (r.method, r.region, r.metric) == (method, kind, "seconds")]
-                for method in ("fovden", "evaluator")
-            )
-            ratios = _ratios(theirs, own)
-            rows.append([
-                kind,
-                f"{statistics.median(own):.2f}",
-                f"{statistics.median(theirs):.2f}",
-                f"{statistics.median(ratios):.2f}",
-                f"{min(ratios):.2f} to {max(ratios):.2f}",
-                next(f"{r.value:.1e}" for r in measurements if (r.region, r.metric) == (kind, "largest difference")),
-            ])  # fmt: skip
-        return header, rows
-
-    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
-        """Returns scene, resolution and rounds."""
-        height, width = config["resolution"]
-        return (
-            f"{measurements[0].scene}, both eyes of {width} x {height} pixels; medians of {config['repeats']} rounds, "
-            f"ratios within each round, above 1 where fovden is faster. flip-evaluator {config['flip-evaluator']}; one "
-            "thread each. "
-        )
+    def run(self) -> list[nodes.Node]:
+        """Returns the tables, and below them what was measured on what."""
+        name = self.arguments[0]
+        path = harness.RESULTS / f"{name}.json"
+        self.env.note_dependency(str(path))
+        self.env.note_dependency(str(Path(harness.__file__).with_name(f"{name}.py")))
+        try:
+            benchmark, data = import_module(f"benchmarks.{name}"), harness.load(path)
+        except (OSError, ValueError, ImportError) as error:
+            raise self.error(str(error)) from error
+        found: list[nodes.Node] = []
+        for title, header, rows in benchmark.tables(data):
+            found += [nodes.paragraph("", "", nodes.strong("", title)), _table(header, rows)]
+        return [*found, _note(benchmark.note(data) + harness.machine(data))]
 
 
 class LightChoice(Measured):
@@ -238,10 +192,6 @@ def _formatted(value: float | None, style: str, scale: float = 1.0) -> str:
     return "" if value is None else format(value * scale, style)
 
 
-def _ratios(theirs: Iterable[float], own: Iterable[float]) -> list[float]:
-    return [a / b for a, b in zip(theirs, own, strict=True)]
-
-
 def _machine(folder: Path) -> str:
     """Processor, threads and versions of a run."""
     provenance = read_provenance(folder)
@@ -267,8 +217,7 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> nodes.table:
 def setup(app: Sphinx) -> dict[str, bool]:
     """Registers the directives."""
     app.add_directive("measured-comparison", Comparison)
-    app.add_directive("measured-rays", Rays)
-    app.add_directive("measured-flip", Flip)
+    app.add_directive("measured-benchmark", Benchmark)
     app.add_directive("measured-lights", LightChoice)
     app.add_directive("measured-convergence", Convergence)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -24,6 +24,7 @@ PACKAGES = [
     for name in MODULES
     if is_public(name) and name.count(".") <= 1 and name not in KERNELS_ONLY | {"fovden.__main__"}
 ]
+DIRECTIVE = r"^```\{measured-(\w+)\} (\S+)$"
 OPTIONS = CONFIGURATION["tool"]["pytest"]["ini_options"]["doctest_optionflags"]
 
 
@@ -147,13 +148,15 @@ def test_commands_of_the_pages_are_those_of_the_command_line():
 def test_numbers_on_the_pages_are_read_from_measurements():
     from fovden.results import read_config, read_metrics
 
-    for page in PAGES:
-        for directive, folder in re.findall(r"^```\{measured-(\w+)\} (\S+)$", page.read_text(), re.MULTILINE):
-            rows = read_metrics(DOCS / folder)
-            assert len(rows) > 10
-            keys = {"comparison": "view", "rays": "embreex", "flip": "flip-evaluator"}
-            assert read_config(DOCS / folder)[keys.get(directive, "scenes")]
-            assert (DOCS / folder / "provenance.json").is_file()
+    found = [directive for page in PAGES for directive in re.findall(DIRECTIVE, page.read_text(), re.MULTILINE)]
+    folders = [(kind, DOCS / folder) for kind, folder in found if kind != "benchmark"]
+    assert folders
+    for kind, folder in folders:
+        assert len(read_metrics(folder)) > 10
+        assert read_config(folder)["view" if kind == "comparison" else "scenes"]
+        assert (folder / "provenance.json").is_file()
+    benchmarks = {name for kind, name in found if kind == "benchmark"}
+    assert benchmarks == {path.stem for path in (ROOT / "benchmarks" / "results").glob("*.json")}
 
 
 @pytest.mark.slow
