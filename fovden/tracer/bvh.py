@@ -179,7 +179,8 @@ def _packed(tree: Tree, vertices: Tensor, faces: Tensor, cutouts: Tensor | None)
     require_shapes("m", {"m": len(faces)}, cutouts=cutouts)
     nodes, blocks = empty_on_large_pages(len(tree.codes), NODE_SIZE), empty_on_large_pages(tree.blocks, BLOCK_SIZE)
     mesh, holes = _mesh_arrays(vertices, faces), cutouts.to(torch.bool).contiguous().numpy()
-    arguments = (tree.binary, tree.children, tree.codes, *mesh, holes, nodes.numpy(), blocks.numpy())
+    memory = [part for whole in (nodes, blocks) for part in (whole.numpy(), whole.view(torch.int32).numpy())]
+    arguments = (tree.binary, tree.children, tree.codes, *mesh, holes, *memory)
     parallel.run(collapse.pack, len(tree.codes), arguments, tile=NODES_PER_TILE)
     return Bvh(nodes, blocks)
 

@@ -214,6 +214,12 @@ def split_node(tree: BinaryTree, bins: Bins, node: Int, start: Int, stop: Int, d
     return partition(tree.boxes, tree.order, start, stop, axis, last, span)
 
 
+@inlined
+def put(stack: Any, row: Int, node: Int, start: Int, stop: Int, depth: Int) -> None:
+    """Writes a row of work; Numba takes seconds to compile assignments of whole rows."""
+    stack[row, 0], stack[row, 1], stack[row, 2], stack[row, 3] = node, start, stop, depth
+
+
 @kernel
 def build_upper(tree: BinaryTree, stack: Any, subtrees: Any, state: Any, largest: Int, budget: Int) -> None:
     """Builds upper nodes until ``budget`` boxes have been looked at, or nothing is left to do.
@@ -229,17 +235,18 @@ def build_upper(tree: BinaryTree, stack: Any, subtrees: Any, state: Any, largest
     bins = new_bins()
     while state[0] > 0 and budget > 0:
         state[0] -= 1
-        node, start, stop, depth = stack[state[0]]
+        row = state[0]
+        node, start, stop, depth = stack[row, 0], stack[row, 1], stack[row, 2], stack[row, 3]
         if stop - start <= largest or state[1] + 2 > UPPER_NODES:
-            subtrees[state[2]] = stack[state[0]]
+            put(subtrees, state[2], node, start, stop, depth)
             state[2] += 1
             continue
         budget -= stop - start
         middle = split_node(tree, bins, node, start, stop, depth)
         used = state[1]
         tree.left[node], tree.count[node] = used, 0
-        stack[state[0]] = (used + 1, middle, stop, depth + 1)
-        stack[state[0] + 1] = (used, start, middle, depth + 1)
+        put(stack, row, used + 1, middle, stop, depth + 1)
+        put(stack, row + 1, used, start, middle, depth + 1)
         state[0] += 2
         state[1] += 2
 
@@ -250,16 +257,16 @@ def build_subtrees(begin: Int, end: Int, tree: BinaryTree, subtrees: Any) -> Non
     bins = new_bins()
     stack = np.empty((STACK_ROWS, 4), np.int64)
     for subtree in range(begin, end):
-        stack[0] = subtrees[subtree]
+        put(stack, 0, subtrees[subtree, 0], subtrees[subtree, 1], subtrees[subtree, 2], subtrees[subtree, 3])
         used, top = UPPER_NODES + 2 * stack[0, 1], 1
         while top > 0:
             top -= 1
-            node, start, stop, depth = stack[top]
+            node, start, stop, depth = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
             middle = split_node(tree, bins, node, start, stop, depth)
             if middle < 0:
                 continue
             tree.left[node], tree.count[node] = used, 0
-            stack[top] = (used + 1, middle, stop, depth + 1)
-            stack[top + 1] = (used, start, middle, depth + 1)
+            put(stack, top, used + 1, middle, stop, depth + 1)
+            put(stack, top + 1, used, start, middle, depth + 1)
             top += 2
             used += 2

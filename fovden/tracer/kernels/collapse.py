@@ -93,7 +93,7 @@ def gather_children(tree: BinaryTree, costs: Any, shares: Any, areas: Any, root:
     stack[0, 0], stack[0, 1], stack[1, 0], stack[1, 1] = tree.left[root] + 1, WIDTH - share, tree.left[root], share
     while top > 0:
         top -= 1
-        node, trees = stack[top]
+        node, trees = stack[top, 0], stack[top, 1]
         while trees > 1 and shares[node, trees - 1] == 0:
             trees -= 1
         if trees > 1:
@@ -125,11 +125,11 @@ def collapse(tree: BinaryTree, costs: Any, shares: Any, areas: Any, children_of:
     """
     stack = np.empty((WIDTH * (MAX_BINARY_DEPTH + 64), 3), np.int64)
     small, children = np.empty((4 * WIDTH, 2), np.int64), np.empty(WIDTH, np.int64)
-    stack[0] = (0, -1, 0)
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, -1, 0
     top, wide, blocks = 1, 0, 0
     while top > 0:
         top -= 1
-        root, parent, place = stack[top]
+        root, parent, place = stack[top, 0], stack[top, 1], stack[top, 2]
         if parent >= 0:
             codes[parent, place] = wide
         used = gather_children(tree, costs, shares, areas, root, small, children)
@@ -138,7 +138,7 @@ def collapse(tree: BinaryTree, costs: Any, shares: Any, areas: Any, children_of:
         for lane in range(used - 1, -1, -1):
             children_of[wide, lane] = children[lane]
             if tree.count[children[lane]] == 0:
-                stack[top] = (children[lane], wide, lane)
+                stack[top, 0], stack[top, 1], stack[top, 2] = children[lane], wide, lane
                 top += 1
             else:
                 codes[wide, lane] = ~blocks
@@ -194,10 +194,14 @@ def pack(
     faces: Any,
     cutouts: Any,
     nodes: Any,
+    numbers: Any,
     blocks: Any,
+    prims: Any,
 ) -> None:
-    """Writes the nodes start .. stop - 1 and their leaf blocks as ``layout`` describes them."""
-    numbers, prims = nodes.view(np.int32), blocks.view(np.int32)
+    """Writes the nodes start .. stop - 1 and their leaf blocks as ``layout`` describes them.
+
+    ``numbers`` and ``prims`` are the memory of ``nodes`` and ``blocks`` as int32.
+    """
     for wide in range(start, stop):
         used = 0
         for lane in range(WIDTH):

@@ -40,46 +40,53 @@ def priorities(start: Int, stop: Int, vertices: Any, faces: Any, boxes: Any, pri
             priority[i] = excess ** np.float32(1.0 / 3.0)
 
 
-@inlined
+@kernel
 def clip(polygon: Any, count: Int, source: Int, axis: Int, side: Float, plane: Float) -> Int:
     """Cuts off what lies below a plane (above, if ``side`` is -1), from one polygon to the other; returns its size."""
     used = 0
     for i in range(count):
-        p, q = polygon[source, i], polygon[source, i + 1 if i + 1 < count else 0]
-        above, next_above = side * (p[axis] - plane), side * (q[axis] - plane)
+        j = i + 1 if i + 1 < count else 0
+        above, next_above = side * (polygon[source, i, axis] - plane), side * (polygon[source, j, axis] - plane)
         if above >= 0.0:
-            polygon[1 - source, used] = p
+            for k in range(3):
+                polygon[1 - source, used, k] = polygon[source, i, k]
             used += 1
         if (above < 0.0) != (next_above < 0.0):
             share = above / (above - next_above)
             for k in range(3):
-                polygon[1 - source, used, k] = p[k] + share * (q[k] - p[k])
+                start = polygon[source, i, k]
+                polygon[1 - source, used, k] = start + share * (polygon[source, j, k] - start)
             polygon[1 - source, used, axis] = plane
             used += 1
     return used
 
 
 @inlined
-def box_within(corners: Any, bounds: Any, polygon: Any, box: Any) -> bool:
-    """Writes the box of the part of a triangle within bounds, rounded outwards; returns whether there is any."""
+def copy_box(boxes: Any, i: Int, other: Any, j: Int) -> None:
+    """Writes one row of six numbers. Numba takes seconds to compile assignments of whole rows."""
+    for k in range(6):
+        boxes[i, k] = other[j, k]
+
+
+@kernel
+def box_within(corners: Any, bounds: Any, polygon: Any, boxes: Any, row: Int) -> bool:
+    """Writes the box of the part of a triangle within bounds to a row, rounded outwards; returns if there is any."""
     count, source = 3, 0
     for corner in range(3):
         for axis in range(3):
             polygon[0, corner, axis] = corners[corner, axis]
     for axis in range(3):
-        count = clip(polygon, count, source, axis, 1.0, np.float64(bounds[axis]))
-        count = clip(polygon, count, 1 - source, axis, -1.0, np.float64(bounds[3 + axis]))
+        count = clip(polygon, count, source, axis, 1.0, np.float64(bounds[0, axis]))
+        count = clip(polygon, count, 1 - source, axis, -1.0, np.float64(bounds[0, 3 + axis]))
     if count == 0:
         return False
     for axis in range(3):
         lower, upper = polygon[source, 0, axis], polygon[source, 0, axis]
         for i in range(1, count):
             lower, upper = min(lower, polygon[source, i, axis]), max(upper, polygon[source, i, axis])
-        box[axis], box[3 + axis] = np.float32(lower), np.float32(upper)
-        if box[axis] > lower:
-            box[axis] -= abs(box[axis]) * UNIT
-        if box[3 + axis] < upper:
-            box[3 + axis] += abs(box[3 + axis]) * UNIT
+        low, high = np.float32(lower), np.float32(upper)
+        boxes[row, axis] = low - abs(low) * UNIT if low > lower else low
+        boxes[row, 3 + axis] = high + abs(high) * UNIT if high < upper else high
     return True
 
 
@@ -101,18 +108,20 @@ def cut(start: Int, stop: Int, vertices: Any, faces: Any, boxes: Any, ends: Any,
     stack, cuts, bounds = (
         np.empty((MOST_CUTS + 2, 6), np.float32),
         np.empty(MOST_CUTS + 2, np.int64),
-        np.empty(6, np.float32),
+        np.empty((1, 6), np.float32),
     )
     for i in range(start, stop):
         used = ends[i - 1] if i > 0 else 0
         if ends[i] == used + 1:
-            pieces[used], owners[used] = boxes[i], i
+            copy_box(pieces, used, boxes, i)
+            owners[used] = i
             continue
         for corner in range(3):
             for axis in range(3):
                 corners[corner, axis] = vertices[faces[i, corner], axis]
         margin = MARGIN * widest(boxes[i])
-        stack[0], cuts[0], top = boxes[i], ends[i] - used - 1, 1
+        copy_box(stack, 0, boxes, i)
+        cuts[0], top = ends[i] - used - 1, 1
         while top > 0:
             top -= 1
             rest = cuts[top]
@@ -125,18 +134,18 @@ def cut(start: Int, stop: Int, vertices: Any, faces: Any, boxes: Any, ends: Any,
                 owners[used] = i
                 used += 1
                 continue
-            bounds[:] = stack[top]
+            copy_box(bounds, 0, stack, top)
             axis = 0
             for other in (1, 2):
-                if bounds[3 + other] - bounds[other] > bounds[3 + axis] - bounds[axis]:
+                if bounds[0, 3 + other] - bounds[0, other] > bounds[0, 3 + axis] - bounds[0, axis]:
                     axis = other
-            lower, upper = bounds[axis], bounds[3 + axis]
+            lower, upper = bounds[0, axis], bounds[0, 3 + axis]
             middle, first = HALF * lower + HALF * upper, top
-            bounds[3 + axis] = middle
-            if box_within(corners, bounds, polygon, stack[top]):
+            bounds[0, 3 + axis] = middle
+            if box_within(corners, bounds, polygon, stack, top):
                 top += 1
-            bounds[axis], bounds[3 + axis] = middle, upper
-            if box_within(corners, bounds, polygon, stack[top]):
+            bounds[0, axis], bounds[0, 3 + axis] = middle, upper
+            if box_within(corners, bounds, polygon, stack, top):
                 top += 1
             if top == first + 2:
                 left, right = widest(stack[first]), widest(stack[first + 1])
@@ -144,10 +153,11 @@ def cut(start: Int, stop: Int, vertices: Any, faces: Any, boxes: Any, ends: Any,
                 cuts[first + 1] = rest - 1 - cuts[first]
             else:  # all of it lies on one side, or rounding has left nothing
                 if top == first:
-                    bounds[axis] = lower
-                    stack[first] = bounds
+                    bounds[0, axis] = lower
+                    copy_box(stack, first, bounds, 0)
                     top += 1
                 cuts[first] = rest - 1
         while used < ends[i]:  # fewer pieces than were foreseen
-            pieces[used], owners[used] = pieces[used - 1], i
+            copy_box(pieces, used, pieces, used - 1)
+            owners[used] = i
             used += 1
