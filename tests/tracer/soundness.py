@@ -145,7 +145,7 @@ def farthest_seen(triangles: np.ndarray, chosen: np.ndarray, rays: int = 12) -> 
     return farthest
 
 
-def check_nothing_is_buried(scene: Scene, near: float = 0.9995, far: float = 0.99) -> None:
+def check_nothing_is_buried(scene: Scene, near: float = 0.9995, far: float = 0.99, rays: int = 12) -> None:
     """A triangle inside a solid sees nothing farther than the solid's walls, from neither side.
 
     A share ``near`` sees farther than 2 cm; the rest are leaves between leaves. A share ``far`` sees farther than
@@ -155,7 +155,7 @@ def check_nothing_is_buried(scene: Scene, near: float = 0.9995, far: float = 0.9
     chosen = np.arange(len(triangles))
     if len(triangles) > BURIED_SAMPLE:
         chosen = np.random.default_rng(1).choice(len(triangles), BURIED_SAMPLE, replace=False)
-    seen = farthest_seen(triangles, chosen).max(axis=0)
+    seen = farthest_seen(triangles, chosen, rays).max(axis=0)
     assert (seen > 0.02).mean() > near
     assert (seen > 0.1).mean() > far
 

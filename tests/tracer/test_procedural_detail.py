@@ -26,7 +26,9 @@ def check(scene: Scene, *, with_rays: bool) -> None:
         soundness.check_not_split_needlessly(scene)
         # Hollows, the inside of foliage and where things touch take the more triangles the finer they are: a large one
         # under the foot of a chair sees past it, and of a hundred small ones in its place some lie wholly beneath.
-        soundness.check_nothing_is_buried(scene, near=0.998, far=0.97)
+        # Small ones in a fold see out through a slit, which takes more rays to find: of 10^5 of the room at 10^7, 134
+        # look buried to 12 rays and 41 to 200.
+        soundness.check_nothing_is_buried(scene, near=0.999, far=0.97, rays=200)
         soundness.check_fronts_are_seen(scene, count=30_000)
         soundness.check_nothing_lies_upon_another(scene, count=100_000)
 
