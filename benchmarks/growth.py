@@ -135,7 +135,7 @@ def draw(data: harness.Data) -> Figure:
     rays = [each for each in data["results"] if each["kind"] != "frame"]
     frames = [each for each in data["results"] if each["kind"] == "frame"]
     with drawing():
-        figure = Figure(figsize=(PRINT_WIDTH, 2.9), layout="constrained")
+        figure = Figure(figsize=(PRINT_WIDTH, 3.1), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=[1.5, 1])
         for kind, colour in COLOURS.items():
             for side, style in (("fovden", "o-"), ("open3d", "x--")):
@@ -151,7 +151,7 @@ def draw(data: harness.Data) -> Figure:
         )
         left.set(xlabel="triangles", ylabel="million rays per second")
         right.set(xlabel="pixels", ylabel=f"seconds per frame, {SPP} samples per pixel")
-        left.legend(frameon=False)
+        figure.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=4, frameon=False)
         for panel in (left, right):
             panel.set(xscale="log", yscale="log")
             panel.grid(which="major", color="#d0d0d0", linewidth=0.5)
