@@ -17,6 +17,7 @@ from torch import Tensor
 __all__ = [
     "ShapeError",
     "require",
+    "require_coordinates",
     "require_finite",
     "require_indices",
     "require_integer",
@@ -109,6 +110,30 @@ def require_indices(name: str, indices: Tensor, count: int) -> None:
     require(not indices.is_floating_point(), name, indices.dtype, "an integer type")
     lowest, highest = int(indices.min()), int(indices.max())
     require(lowest >= 0 and highest < count, name, f"{lowest} to {highest}", f"indices from 0 to {count - 1}")
+
+
+def require_coordinates(name: str, coords: Tensor, views: int, resolution: tuple[int, int]) -> None:
+    """Raises unless all rows of a tensor name pixels of some views.
+
+    Args:
+        name: Name of the argument.
+        coords: View, y and x of each pixel, shape (n, 3).
+        views: Number of views.
+        resolution: Height and width of a view in pixels.
+
+    Raises:
+        ShapeError: If the shape differs.
+        ValueError: If a pixel lies outside.
+
+    Example:
+        >>> require_coordinates("coords", torch.tensor([[0, 1, 4]]), 2, (3, 4))
+        Traceback (most recent call last):
+        ValueError: coords: expected view, y and x from 0 to below [2, 3, 4], got [[0, 1, 4]]
+    """
+    require_shapes("n 3", **{name: coords})
+    limits = torch.tensor([views, *resolution], device=coords.device)
+    outside = coords[((coords < 0) | (coords >= limits)).any(dim=1)]
+    require(len(outside) == 0, name, outside[:1].tolist(), f"view, y and x from 0 to below {limits.tolist()}")
 
 
 def require_integer(name: str, value: object, *, minimum: int | None = None, maximum: int | None = None) -> int:

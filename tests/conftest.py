@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+import torch
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -15,3 +16,11 @@ def shared_scenes() -> Path:
     if not folder.is_dir():
         pytest.skip(f"the real scenes are not at {folder}; set FOVDEN_SCENES to their folder")
     return folder
+
+
+@pytest.fixture
+def threads():
+    """Sets the number of threads; restored afterwards."""
+    before = torch.get_num_threads()
+    yield torch.set_num_threads
+    torch.set_num_threads(before)

@@ -14,7 +14,7 @@ import torch
 
 from fovden import parallel
 from fovden.camera import Camera, StereoCamera
-from fovden.checks import require, require_integer
+from fovden.checks import require, require_coordinates, require_integer
 from fovden.foveation.sample_map import SampleMap
 from fovden.frame import Frame
 from fovden.rng import Stream
@@ -140,10 +140,7 @@ def trace_frame(
         require(fits, "samples", tuple(counts.shape), f"a sample map for {shape[0]} views of {height} x {width} pixels")
         counts, layer = counts.expand(shape).contiguous(), layer.expand(shape).contiguous()
         coordinates, gaze = samples.coords, samples.gaze
-        limits = torch.tensor([shape[0], height, width])
-        outside = coordinates[((coordinates < 0) | (coordinates >= limits)).any(dim=1)]
-        expected = f"view, y and x from 0 to below {limits.tolist()}"
-        require(len(outside) == 0, "samples.coords", outside[:1].tolist(), expected)
+        require_coordinates("samples.coords", coordinates, shape[0], views.resolution)
     else:
         require_integer("samples", samples, minimum=1)
         counts = torch.full(shape, samples, dtype=torch.int32)

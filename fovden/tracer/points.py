@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from fovden.camera import Camera
-from fovden.checks import require, require_integer, require_shapes
+from fovden.checks import require_coordinates, require_integer, require_shapes
 from fovden.frame import Frame
 from fovden.tracer.gradient import corners_at, interpolated
 from fovden.tracer.scene import Scene
@@ -56,10 +56,7 @@ class SurfacePoints:
         require_shapes("n", sizes, counts=self.counts, prim=self.prim)
         require_shapes("n 2", sizes, barycentric=self.barycentric)
         require_integer("seed", self.seed, minimum=0, maximum=0xFFFFFFFF)
-        limits = torch.tensor([self.camera.view_count, *self.camera.resolution])
-        outside = self.coords[((self.coords < 0) | (self.coords >= limits)).any(dim=1)]
-        expected = f"view, y and x from 0 to below {limits.tolist()}"
-        require(len(outside) == 0, "coords", outside[:1].tolist(), expected)
+        require_coordinates("coords", self.coords, self.camera.view_count, self.camera.resolution)
         for name in ("coords", "counts", "prim"):
             object.__setattr__(self, name, getattr(self, name).to(torch.int32).contiguous())
 
@@ -195,11 +192,8 @@ def surface_points(frame: Frame, coords: Tensor | None = None) -> SurfacePoints:
     if frame.camera is None:
         raise ValueError("frame.camera: expected the camera that saw the frame, got None")
     coords = (frame.counts[:, 0] > 0).nonzero() if coords is None else coords
-    require_shapes("n 3", coords=coords)
+    require_coordinates("coords", coords, frame.view_count, frame.resolution)
     coords, views = coords.cpu(), frame.camera
-    limits = torch.tensor([frame.view_count, *frame.resolution])
-    outside = coords[((coords < 0) | (coords >= limits)).any(dim=1)]
-    require(len(outside) == 0, "coords", outside[:1].tolist(), f"view, y and x from 0 to below {limits.tolist()}")
     view, y, x = coords.long().unbind(1)
     return SurfacePoints(
         coords=coords,

@@ -9,6 +9,8 @@ import math
 import torch
 from torch import Tensor
 
+from fovden.camera import Gaze, StereoCamera
+from fovden.foveation import SampleMap
 from fovden.tracer import DirectionalLight, EnvironmentLight, Material, Materials, PointLight, Scene
 
 Mesh = tuple[Tensor, Tensor]
@@ -129,3 +131,9 @@ def lit_room(**attributes: object) -> Scene:
         Material("lamp", (0.1, 0.2, 0.1), (5.0, 4.0, 3.0)),
         **(given | attributes),
     )
+
+
+def uneven_samples(camera: StereoCamera) -> SampleMap:
+    """None to three samples a pixel, different for the eyes."""
+    counts = torch.randint(0, 4, (2, 1, *camera.resolution), generator=generator(4), dtype=torch.int32)
+    return SampleMap.from_counts(counts, Gaze.center(camera))

@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 import torch
-from builders import box, generator, rounded, scene_of, sphere
+from builders import generator, lit_room, uneven_samples
 
-from fovden.camera import Gaze, StereoCamera
+from fovden.camera import StereoCamera
 from fovden.foveation import SampleMap
-from fovden.tracer import EnvironmentLight, Material, PointLight, accumulate_reference, trace_frame, trace_gbuffer
+from fovden.tracer import accumulate_reference, trace_frame, trace_gbuffer
 from fovden.tracer import gbuffer as gbuffer_module
 from fovden.tracer import reference as reference_module
 from fovden.tracer import shading as shading_module
@@ -19,39 +19,12 @@ TILES = [1, 7, 1000, 10**6]
 
 @pytest.fixture(scope="module")
 def scene():
-    """A ball in an open room with every kind of light that takes random numbers."""
-    walls, room = box((2, 2, 2), (4.0, 3.0, 4.0))
-    points, ball = sphere(2)
-    room, lamp = room[:-4], room[4:6]
-    vertices = torch.cat([rounded(walls), rounded(points, 0.5)])
-    faces = torch.cat([room, ball + len(walls)])
-    material_ids = torch.zeros(len(faces), dtype=torch.int32)
-    material_ids[4:6] = 1
-    assert torch.equal(faces[4:6], lamp)
-    noise = torch.randint(0, 256, (8, 8, 3), generator=generator(1), dtype=torch.uint8)
-    return scene_of(
-        (vertices, faces),
-        Material("plaster", (0.9, 0.8, 0.7), texture=noise),
-        Material("lamp", (0.1, 0.1, 0.1), (5.0, 4.0, 3.0)),
-        uv=torch.rand(len(vertices), 2, generator=generator(2)),
-        material_ids=material_ids,
-        lights=(PointLight((0.5, 1.0, 1.0), 3.0), EnvironmentLight(torch.rand(3, 4, 8, generator=generator(3)))),
-    )
+    return lit_room()
 
 
 @pytest.fixture(scope="module")
 def samples():
-    """None to three samples a pixel, different for the eyes."""
-    counts = torch.randint(0, 4, (2, 1, 24, 30), generator=generator(4), dtype=torch.int32)
-    return SampleMap.from_counts(counts, Gaze.center(CAMERA))
-
-
-@pytest.fixture
-def threads():
-    """Sets the number of threads; restored afterwards."""
-    before = torch.get_num_threads()
-    yield torch.set_num_threads
-    torch.set_num_threads(before)
+    return uneven_samples(CAMERA)
 
 
 def bits(record):

@@ -6,10 +6,9 @@ from typing import get_args
 
 import pytest
 import torch
-from builders import generator, lit_room, rounded, scene_of, sphere
+from builders import generator, lit_room, rounded, scene_of, sphere, uneven_samples
 
-from fovden.camera import Gaze, StereoCamera
-from fovden.foveation import SampleMap
+from fovden.camera import StereoCamera
 from fovden.tracer import (
     EnvironmentLight,
     Integrator,
@@ -36,17 +35,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def samples():
-    """None to three samples a pixel, different for the eyes."""
-    counts = torch.randint(0, 4, (2, 1, 24, 30), generator=generator(4), dtype=torch.int32)
-    return SampleMap.from_counts(counts, Gaze.center(CAMERA))
-
-
-@pytest.fixture
-def threads():
-    """Sets the number of threads; restored afterwards."""
-    before = torch.get_num_threads()
-    yield torch.set_num_threads
-    torch.set_num_threads(before)
+    return uneven_samples(CAMERA)
 
 
 def rows(frame, points):
