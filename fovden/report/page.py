@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 from collections.abc import Mapping, Sequence
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from numpy.typing import NDArray
 from torch import Tensor
 
 from fovden import color, metrics
@@ -21,7 +24,16 @@ from fovden.frame import Reference
 from fovden.io import atomic_write
 from fovden.metrics.image import RELATIVE_EPS, WINDOW
 from fovden.preview import finite_exposure
-from fovden.report.coding import COARSER_STEPS, KNEE, STEPS, encode_image, encode_map, encode_text
+from fovden.report.coding import (
+    COARSER_STEPS,
+    KNEE,
+    STEPS,
+    encode_image,
+    encode_map,
+    encode_text,
+    image_codes,
+    most_alike,
+)
 from fovden.report.scales import error_scales
 from fovden.report.tables import Table, quality_tables
 
@@ -94,7 +106,7 @@ def write_report(
         >>> path = Path(tempfile.mkdtemp()) / "report.html"
         >>> write_report(path, {"dark": truth / 2}, truth, title="Half the light").name
         'report.html'
-        >>> "<title>Half the light</title>" in path.read_text(encoding="utf-8")
+        >>> "<title>Half the light</title>" in path.read_text(encoding="utf-16")
         True
     """
     path = _writable(Path(path))
@@ -147,7 +159,7 @@ def write_report(
     )
     try:
         with atomic_write(path) as temporary:
-            temporary.write_text(page, encoding="utf-8", errors="replace")
+            temporary.write_bytes(codecs.BOM_UTF16_LE + page.encode("utf-16-le", "replace"))
     except OSError as error:
         raise type(error)(f"{path}: cannot be written ({error.strerror or error})") from error
     return path
@@ -175,8 +187,13 @@ class _Blobs:
 
     @property
     def size(self) -> int:
-        """Bytes of all of them."""
-        return sum(map(len, self.texts.values()))
+        """Bytes of all of them, two for each character."""
+        return 2 * sum(map(len, self.texts.values()))
+
+    def copy(self) -> _Blobs:
+        copied = _Blobs()
+        copied.texts, copied._names = dict(self.texts), dict(self._names)
+        return copied
 
     def add(self, data: bytes) -> str:
         text = encode_text(data)
@@ -274,12 +291,18 @@ def _add_images(
 ) -> int:
     """Adds the data of every image in the finest steps with which the page is not too large; returns these."""
     for steps in (STEPS, *COARSER_STEPS):
-        encoded = [encode_image(image, knee, steps) for image in pictures.values()]
-        size = blobs.size + sum(map(len, set(encoded))) * 5 / 4
-        if size <= size_limit:
+        with_images = blobs.copy()
+        earlier: list[NDArray[np.int16]] = []
+        for entry, image in zip(listed, pictures.values(), strict=True):
+            codes = image_codes(image, knee, steps)
+            like, copied = most_alike(codes, earlier) or (None, None)
+            entry["like"] = like
+            entry["copied"] = None if copied is None else with_images.add(encode_map(torch.from_numpy(copied)))
+            entry["data"] = with_images.add(encode_image(codes, copied))
+            earlier.append(codes)
+        if with_images.size <= size_limit:
             break
-    for entry, data in zip(listed, encoded, strict=True):
-        entry["data"] = blobs.add(data)
+    blobs.texts = with_images.texts
     return steps
 
 

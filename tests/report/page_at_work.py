@@ -18,7 +18,12 @@ def radiance(seed):
     return torch.rand(2, 3, HEIGHT, WIDTH, generator=generator).pow(3) * 4
 
 
-IMAGES = dict(zip(NAMES, (radiance(1), radiance(2), radiance(3)), strict=True))
+SMOOTH = 2 + torch.linspace(0, 2, 2 * 3 * HEIGHT * WIDTH).reshape(2, 3, HEIGHT, WIDTH)
+SHARED = torch.arange(HEIGHT)[:, None] < 2 + torch.arange(WIDTH) % 2
+"""Pixels that the reference copies from the image before it; the others are stored as differences."""
+
+IMAGES = dict(zip(NAMES, (radiance(1), radiance(2), SMOOTH), strict=True))
+IMAGES["Reference"][:, :, SHARED] = IMAGES["Clean & <b>bold</b>"][:, :, SHARED]
 IMAGES["Noisy"][0, :, 2, 3] = math.nan
 IMAGES["Noisy"][1, 0, 0, 0] = -0.5
 COUNTS = torch.arange(2 * HEIGHT * WIDTH).reshape(2, 1, HEIGHT, WIDTH) % 5

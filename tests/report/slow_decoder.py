@@ -9,22 +9,20 @@ import numpy as np
 
 
 def bytes_of(text):
-    filling, letters = int(text[0]), text[1:]
-    digits = [ord(letter) - (35 if ord(letter) < 60 else 36) for letter in letters]
-    data = b""
-    for start in range(0, len(digits), 5):
-        word = 0
-        for digit in digits[start : start + 5]:
-            word = word * 85 + digit
-        data += word.to_bytes(4, "big")
-    return data[: len(data) - filling]
+    data, letters = b"", iter(text[1:])
+    for letter in letters:
+        unit = ord(letter) if letter != "\ue000" else ord(next(letters)) ^ 0x8000
+        data += bytes([unit % 256, unit // 256])
+    return data[: len(data) - int(text[0])]
 
 
-def undo_prediction(plane, modulus):
-    """Values from differences, row by row; `plane` has shape (h, w)."""
+def undo_prediction(plane, modulus, known=None):
+    """Values from differences, row by row, but where they are known; `plane` and `known` have shape (h, w)."""
     height, width = plane.shape
     for y in range(height):
         for x in range(width):
+            if known is not None and known[y, x]:
+                continue
             a = int(plane[y, x - 1]) if x else 0
             b = int(plane[y - 1, x]) if y else 0
             c = int(plane[y - 1, x - 1]) if x and y else 0
@@ -33,27 +31,36 @@ def undo_prediction(plane, modulus):
             plane[y, x] = value - modulus if modulus == 65536 and value >= 32768 else value
 
 
-def codes_of(data, shape):
-    views, channels, height, width = shape
+def codes_of(data, shape, like=None, copied=None):
+    """`like` has the codes, shape (v, 3, h, w), that the image copies where `copied`, shape (v, 1, h, w)."""
+    views, _, height, width = shape
+    known = np.zeros((views, 1, height, width), bool) if copied is None else copied.astype(bool)
     raw = zlib.decompress(data)
-    count = views * channels * height * width
+    count = 3 * int((~known).sum())
     assert len(raw) == 1 + 2 * count
-    stored = np.zeros(count, np.int64)
+    numbers = []
     for index in range(count):
         folded = raw[1 + index] + 256 * raw[1 + count + index]
-        stored[index] = folded // 2 if folded % 2 == 0 else -(folded + 1) // 2
-    stored = stored.reshape(channels, views, height, width)
+        numbers.append(folded // 2 if folded % 2 == 0 else -(folded + 1) // 2)
+    stored = np.zeros((3, views, height, width), np.int64)
+    left = iter(numbers)
+    for channel, view, y, x in np.ndindex(*stored.shape):
+        if known[view, 0, y, x]:
+            own = int(like[view, (1, 0, 2)[channel], y, x]) - (int(like[view, 1, y, x]) if channel else 0)
+            stored[channel, view, y, x] = (own + 32768) % 65536 - 32768
+        else:
+            stored[channel, view, y, x] = next(left)
     if raw[0] == 1:
-        for plane in stored.reshape(-1, height, width):
-            undo_prediction(plane, 65536)
+        for channel, view in np.ndindex(3, views):
+            undo_prediction(stored[channel, view], 65536, known[view, 0])
     green, red, blue = stored
     codes = np.stack([red + green, green, blue + green], axis=1)
     return (codes + 32768) % 65536 - 32768
 
 
-def radiance_of(data, shape, knee, steps):
+def radiance_of(codes, knee, steps):
+    shape = codes.shape
     values = np.empty(shape)
-    codes = codes_of(data, shape)
     for index in np.ndindex(*shape):
         code = int(codes[index])
         if code == -32768:
@@ -72,6 +79,17 @@ def map_of(data, shape):
         for plane in values.reshape(-1, *shape[-2:]):
             undo_prediction(plane, 256)
     return values
+
+
+def images_of(report, data):
+    """Radiance of all images of a page that `read_page` has read."""
+    shape, decoded = (report["views"], 3, report["height"], report["width"]), []
+    for entry in report["images"]:
+        like = copied = None
+        if entry["like"] is not None:
+            like, copied = decoded[entry["like"]], map_of(bytes_of(data[entry["copied"]]), (shape[0], 1, *shape[2:]))
+        decoded.append(codes_of(bytes_of(data[entry["data"]]), shape, like, copied))
+    return [radiance_of(codes, report["knee"], report["steps"]) for codes in decoded]
 
 
 def read_page(text):

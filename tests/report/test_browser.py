@@ -4,6 +4,11 @@ import json
 import math
 import os
 import shutil
+import threading
+import zlib
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from urllib.parse import quote, unquote, urlparse
 
 import numpy as np
 import pytest
@@ -37,6 +42,7 @@ from selenium.webdriver.chrome.service import Service  # noqa: E402
 from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
 from selenium.webdriver.common.actions.wheel_input import ScrollOrigin  # noqa: E402
 from selenium.webdriver.common.keys import Keys  # noqa: E402
+from slow_decoder import bytes_of, read_page  # noqa: E402
 
 FLAGS = (
     "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
@@ -97,6 +103,43 @@ def test_it_opens_offline_and_requests_nothing(browser, url):
     blocked = "const done = arguments[0]; fetch('data:text/plain,x').then(() => done('let through'), () => done('no'));"
     assert browser.execute_async_script(blocked) == "no"
     assert browser.get_log("browser")[0]["message"].count("Content Security Policy") >= 1
+
+
+@pytest.fixture
+def served(url):
+    """The page from a server that says, as many do, that all its pages are in UTF-8."""
+    folder = Path(unquote(urlparse(url).path)).parent
+
+    class Handler(SimpleHTTPRequestHandler):
+        def guess_type(self, _):
+            return "text/html; charset=utf-8"
+
+        def __init__(self, *arguments):
+            super().__init__(*arguments, directory=folder)
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever).start()
+        yield f"http://127.0.0.1:{server.server_port}/{quote('the report.html')}"
+        server.shutdown()
+
+
+def test_it_is_read_rightly_from_a_server_that_names_another_encoding(browser, served):
+    open_page(browser, served)
+    assert shows(browser, "Noisy")
+    assert "Clean & <b>bold</b>" in browser.page_source.replace("&amp;", "&").replace("&lt;", "<").replace("&gt;", ">")
+
+
+def test_pixels_copied_from_another_image_are_shown(page, url):
+    """With differences to predictions from copied neighbours, which is the hardest to read."""
+    report, data = read_page(Path(unquote(urlparse(url).path)).read_text(encoding="utf-16"))
+    reference = report["images"][2]
+    assert reference["like"] == 1
+    assert zlib.decompress(bytes_of(data[reference["data"]]))[0] == 1
+    press(page, "r")
+    assert shows(page, "Reference")
 
 
 def test_keys_and_pointer_flip_between_images(page):

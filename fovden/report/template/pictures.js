@@ -39,7 +39,12 @@ class Pictures {
 
   async load(index) {
     const image = this.images[index];
-    this.codes[index] ??= await readImage(image.data, this.pixels, this.width, this.height);
+    if (this.codes[index] === null) {
+      if (image.like !== null) await this.load(image.like);
+      const copied = image.copied && (await readMap(image.copied, this.width, this.height));
+      const like = image.like === null ? null : this.codes[image.like];
+      this.codes[index] = await readImage(image.data, this.pixels, this.width, this.height, like, copied);
+    }
     for (const id of [image.samples, image.flip, this.layer]) {
       if (id && !this.maps.has(id)) this.maps.set(id, await readMap(id, this.width, this.height));
     }
