@@ -22,8 +22,9 @@ from fovden.filters.edge_stopping import (
 )
 from fovden.filters.guided import GuidedDenoiser
 from fovden.filters.holes import fill_holes
-from fovden.filters.passes import PassOptions, advance, begin
-from fovden.filters.taps import Border, Sigma, Sigmas, blend_taps
+from fovden.filters.operator import run_passes
+from fovden.filters.passes import Pass, PassOptions, begin
+from fovden.filters.taps import Border, Sigma, Sigmas
 
 __all__ = ["Atrous", "atrous_pass"]
 
@@ -110,17 +111,31 @@ def atrous_pass(
             require_number(f"sigma_{name}", sigma, above=0)
         elif sigma.dim() > 0:
             _require_plane(f"sigma_{name}", sigma, sizes)
-    return blend_taps(
-        radiance,
-        normal,
-        position,
-        step=require_integer("step", step, minimum=1),
-        sigmas=sigmas,
-        mask=mask,
-        region=region,
-        known=known,
-        kernel=kernel,
-    ).image
+    if kernel is not None and kernel.dim() == 1:
+        require_shapes("5", kernel=kernel)
+        kernel = kernel[:, None] * kernel
+    elif kernel is not None:
+        require_shapes("5 5", kernel=kernel)
+    state = begin(radiance, mask)
+    state = state._replace(known=torch.ones_like(state.known) if known is None else known != 0)
+    widths, factors = _factored(sigmas, state.mask)
+    only = Pass(require_integer("step", step, minimum=1), widths, label=1 if region is not None else 0, kernel=kernel)
+    region = None if region is None else region != 0
+    options = PassOptions()
+    return run_passes(state, normal, position, [only], region=region, factors=factors, options=options).image
+
+
+def _factored(sigmas: Sigmas, plane: Tensor) -> tuple[Sigmas, Tensor | None]:
+    """Widths that are the same everywhere, and what they are multiplied by at each pixel, if they are not."""
+    differ = [isinstance(sigma, Tensor) and sigma.dim() > 0 for sigma in sigmas]
+    if not any(differ):
+        return sigmas, None
+    pairs = list(zip(sigmas, differ, strict=True))
+    factors = [
+        torch.as_tensor(sigma, dtype=plane.dtype).expand_as(plane) if own else torch.ones_like(plane)
+        for sigma, own in pairs
+    ]
+    return Sigmas(*(1.0 if own else sigma for sigma, own in pairs)), torch.cat(factors, 1)
 
 
 def _require_plane(name: str, plane: Tensor, sizes: dict[str, int]) -> Tensor:
@@ -210,9 +225,9 @@ class Atrous(GuidedDenoiser):
             tensor(2., grad_fn=<MeanBackward0>)
         """
         del layer
-        state = begin(radiance, mask)
-        for step, sigmas in zip(self.steps, self.edge_stopping.passes(self.steps), strict=True):
-            state = advance(state, normal, position, step=step, sigmas=sigmas, options=self.options)
+        pairs = zip(self.steps, self.edge_stopping.passes(self.steps), strict=True)
+        passes = [Pass(step, sigmas, level=level) for level, (step, sigmas) in enumerate(pairs)]
+        state = run_passes(begin(radiance, mask), normal, position, passes, options=self.options)
         if not self.fill_holes:
             return state.image
         return fill_holes(

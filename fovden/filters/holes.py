@@ -1,7 +1,14 @@
-"""Fills the pixels that no sampled tap has reached, from the nearest spacing of taps that has one."""
+"""Fills the pixels that no sampled tap has reached, from the nearest spacing of taps that has one.
+
+How many steps that takes depends on the data, so a compiler cannot look into it: there it is an operator,
+``fovden::fill_holes``, whose derivative runs it once more.
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
+import torch
 from torch import Tensor
 
 from fovden.filters.taps import B3_SPLINE, SMALLEST_EXPONENT, SMALLEST_TOTAL, Sigma
@@ -51,6 +58,23 @@ def fill_holes(
         >>> fill_holes(image, ~sampled, sampled, flat, flat, sigma_normal=1.0, sigma_position=1.0).unique()
         tensor([2.])
     """
+    if torch.compiler.is_compiling():
+        widths = [torch.as_tensor(sigma, dtype=image.dtype) for sigma in (sigma_normal, sigma_position)]
+        filled: Tensor = _fill_holes_operator(image, holes, mask, normal, position, *widths, label)
+        return filled
+    return _fill_holes(image, holes, mask, normal, position, sigma_normal, sigma_position, label)
+
+
+def _fill_holes(
+    image: Tensor,
+    holes: Tensor,
+    mask: Tensor,
+    normal: Tensor,
+    position: Tensor,
+    sigma_normal: Sigma,
+    sigma_position: Sigma,
+    label: Tensor | None,
+) -> Tensor:
     size, dtype = max(image.shape[-2:]), image.dtype
     steps = [2**k for k in range(size.bit_length()) if 2**k < size]
     mask = mask.to(image.dtype).expand_as(holes) * ~holes
@@ -94,3 +118,62 @@ def fill_holes(
             mask[view, :, y, x] = 1
             holes[view, :, y, x] = False
     return image
+
+
+@torch.library.custom_op("fovden::fill_holes", mutates_args=())
+def _fill_holes_operator(
+    image: Tensor,
+    holes: Tensor,
+    mask: Tensor,
+    normal: Tensor,
+    position: Tensor,
+    sigma_normal: Tensor,
+    sigma_position: Tensor,
+    label: Tensor | None,
+) -> Tensor:
+    return _fill_holes(image, holes, mask, normal, position, sigma_normal, sigma_position, label).clone()
+
+
+@_fill_holes_operator.register_fake
+def _(image: Tensor, *_: Any) -> Tensor:
+    return torch.empty_like(image)
+
+
+@torch.library.custom_op("fovden::fill_holes_backward", mutates_args=())
+def _fill_holes_backward(
+    gradient: Tensor,
+    image: Tensor,
+    holes: Tensor,
+    mask: Tensor,
+    normal: Tensor,
+    position: Tensor,
+    sigma_normal: Tensor,
+    sigma_position: Tensor,
+    label: Tensor | None,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    with torch.enable_grad():
+        leaves = [
+            each.detach().to(image.dtype).requires_grad_()
+            for each in (image, mask, normal, position, sigma_normal, sigma_position)
+        ]
+        filled = _fill_holes(leaves[0], holes, *leaves[1:], label)
+        image_, mask_, *others = torch.autograd.grad(filled, leaves, gradient, materialize_grads=True)
+    return image_.contiguous(), mask_.contiguous(), *(each.contiguous() for each in others)  # type: ignore[return-value]
+
+
+@_fill_holes_backward.register_fake
+def _(_: Tensor, image: Tensor, __: Tensor, *others: Tensor) -> tuple[Tensor, ...]:
+    return tuple(image.new_empty(each.shape) for each in (image, *others[:5]))
+
+
+def _remember(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+    del output
+    ctx.save_for_backward(*inputs)
+
+
+def _backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+    image, *others = _fill_holes_backward(gradient, *ctx.saved_tensors)
+    return image, None, *others, None
+
+
+_fill_holes_operator.register_autograd(_backward, setup_context=_remember)

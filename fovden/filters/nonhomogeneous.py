@@ -12,7 +12,7 @@ units.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal, TypedDict, Unpack
 
@@ -30,18 +30,19 @@ from fovden.filters.edge_stopping import (
 )
 from fovden.filters.guided import GuidedDenoiser
 from fovden.filters.holes import fill_holes as fill
+from fovden.filters.operator import run_passes
 from fovden.filters.passes import (
     MaskAt,
+    Pass,
     PassOptions,
     RadianceGuide,
     State,
     UnsampledGuide,
-    advance,
     begin,
     paste,
     require_choice,
 )
-from fovden.filters.taps import Border, Sigmas
+from fovden.filters.taps import Border
 
 __all__ = ["LEVELS", "NonHomogeneousAtrous"]
 
@@ -259,42 +260,39 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         """
         c, n, x, b = radiance, normal, position, mask
         layer = self._layer_of(radiance, layer)
-        regions = [layer == index for index in range(len(self.levels))]
-
-        def run(state: State, index: int, step: int, sigmas: Sigmas) -> State:
-            return advance(state, n, x, step=step, sigmas=sigmas, region=regions[index], options=self.options)
-
-        state = start = begin(c, b)
-        if self.layers == "sequential":
+        start = begin(c, b)
+        if self.layers == "snapshot":
+            state = start
             for index in range(len(self.levels)):
-                for step, sigmas in self._passes(index):
-                    state = run(state, index, step, sigmas)
-        elif self.layers == "snapshot":
-            for index, region in enumerate(regions):
-                alone = start
-                for step, sigmas in self._passes(index):
-                    alone = run(alone, index, step, sigmas)
-                state = paste(region, alone, state)
+                alone = run_passes(start, n, x, self._passes(index), region=layer, options=self.options)
+                state = paste(layer == index, alone, state)
         else:
-            for level in reversed(range(max(self.levels))):
-                before = state
-                for index, region in enumerate(regions):
-                    for step, sigmas in self._passes(index):
-                        if step == 2**level:
-                            state = paste(region, run(before, index, step, sigmas), state)
+            passes = self._in_turn() if self.layers == "sequential" else self._interleaved()
+            state = run_passes(start, n, x, passes, region=layer, options=self.options)
         return self._fill(state, n, x, layer) if self.fill_holes else state.image
 
-    def _passes(self, index: int) -> Iterator[tuple[int, Sigmas]]:
-        """Steps and widths of a layer's passes, in the order in which they run."""
+    def _passes(self, index: int) -> list[Pass]:
+        """A layer's passes, in the order in which they run, each on a level of its own."""
         steps = [2**level for level in reversed(range(self.levels[index]))]
         edge_stopping = self.edge_stopping[index]
         assert isinstance(edge_stopping, EdgeStopping)
-        return zip(steps, edge_stopping.passes(steps), strict=True)
+        pairs = zip(steps, edge_stopping.passes(steps), strict=True)
+        return [Pass(step, sigmas, index, level) for level, (step, sigmas) in enumerate(pairs)]
+
+    def _in_turn(self) -> list[Pass]:
+        """The layers' passes one after the other, from the innermost layer outwards."""
+        passes = [each for index in range(len(self.levels)) for each in self._passes(index)]
+        return [each._replace(level=level) for level, each in enumerate(passes)]
+
+    def _interleaved(self) -> list[Pass]:
+        """The layers' passes by their steps, the largest first; those of one step read the same image."""
+        passes = [each for index in range(len(self.levels)) for each in self._passes(index)]
+        return [each._replace(level=-each.step) for each in sorted(passes, key=lambda each: -each.step)]
 
     def _fill(self, state: State, normal: Tensor, position: Tensor, layer: Tensor) -> Tensor:
         if self.options.mask_at == "center" or bool(state.known.all()):
             return state.image
-        widths = [next(self._passes(index))[1] for index in range(len(self.levels))]
+        widths = [self._passes(index)[0].sigmas for index in range(len(self.levels))]
         return fill(
             state.image,
             ~state.known,

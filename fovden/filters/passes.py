@@ -1,7 +1,8 @@
-"""The state that à-trous passes hand on, and one pass from one state to the next."""
+"""The state that à-trous passes hand on, the passes, and how they are composed of torch operations."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
@@ -12,7 +13,18 @@ from fovden.checks import require
 from fovden.filters.nearest import nearest_sampled
 from fovden.filters.taps import Border, Sigmas, blend_taps
 
-__all__ = ["MaskAt", "PassOptions", "RadianceGuide", "State", "UnsampledGuide", "advance", "begin", "paste"]
+__all__ = [
+    "MaskAt",
+    "Pass",
+    "PassOptions",
+    "RadianceGuide",
+    "State",
+    "UnsampledGuide",
+    "advance",
+    "begin",
+    "compose",
+    "paste",
+]
 
 MaskAt = Literal["neighbor", "center"]
 """Which pixel's mask counts in a weight: the tap's or the pixel's own."""
@@ -38,6 +50,28 @@ class State(NamedTuple):
     mask: Tensor
     known: Tensor
     first: Tensor
+
+
+class Pass(NamedTuple):
+    """One pass of a stack.
+
+    Attributes:
+        step: Distance between neighbouring taps in pixels, at least 1.
+        sigmas: Widths of the edge-stopping functions: numbers or scalar tensors.
+        label: Label of the pixels of the region that it works on, from 0 to 30.
+        level: Number of its level. Neighbours in the stack that have one level read the same image, as one pass does.
+        kernel: Positive weights, shape (5, 5); ``None`` means the B3 spline.
+
+    Example:
+        >>> Pass(2, Sigmas(1.0, 0.1, 0.5)).label
+        0
+    """
+
+    step: int
+    sigmas: Sigmas
+    label: int = 0
+    level: int = 0
+    kernel: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +142,53 @@ def paste(region: Tensor, new: State, old: State) -> State:
     return State(*(torch.where(region, inside, outside) for inside, outside in zip(new, old, strict=True)))
 
 
+def compose(
+    state: State,
+    normal: Tensor,
+    position: Tensor,
+    passes: Sequence[Pass],
+    *,
+    region: Tensor | None = None,
+    factors: Tensor | None = None,
+    options: PassOptions,
+) -> State:
+    """Returns the state after a stack of passes, by torch operations: for any device and precision, and slowly.
+
+    Args:
+        state: The state before.
+        normal: Unit normals, shape (v, 3, h, w).
+        position: Positions, shape (v, 3, h, w).
+        passes: The passes.
+        region: Labels, integers, shape (v or 1, 1, h, w); ``None`` means 0 everywhere.
+        factors: What the widths of radiance, normal and position are multiplied by at each pixel, shape (v, 3, h, w).
+        options: Readings of the weights.
+
+    Returns:
+        The state after.
+
+    Example:
+        >>> flat = torch.zeros(1, 3, 4, 4)
+        >>> half = begin(flat + 2, torch.tensor([1.0, 0.0, 1.0, 0.0]).expand(1, 1, 4, 4))
+        >>> stack = [Pass(2, Sigmas(1.0, 1.0, 1.0), level=0), Pass(1, Sigmas(1.0, 1.0, 1.0), level=1)]
+        >>> compose(half, flat, flat, stack, options=PassOptions()).image.mean()
+        tensor(2.)
+    """
+    before, level = state, passes[0].level if passes else 0
+    for each in passes:
+        if each.level != level:
+            before, level = state, each.level
+        sigmas = each.sigmas
+        if factors is not None:
+            widths = zip(each.sigmas, factors.split(1, 1), strict=True)
+            sigmas = Sigmas(*(sigma * factor for sigma, factor in widths))
+        own = None if region is None else region == each.label
+        new = advance(
+            before, normal, position, step=each.step, sigmas=sigmas, region=own, kernel=each.kernel, options=options
+        )
+        state = new if own is None else paste(own, new, state)
+    return state
+
+
 def advance(
     state: State,
     normal: Tensor,
@@ -116,6 +197,7 @@ def advance(
     step: int,
     sigmas: Sigmas,
     region: Tensor | None = None,
+    kernel: Tensor | None = None,
     options: PassOptions,
 ) -> State:
     """Returns the state after one pass over a region; outside of it nothing changes.
@@ -127,6 +209,7 @@ def advance(
         step: Distance between neighbouring taps in pixels.
         sigmas: Widths of the edge-stopping functions.
         region: Where to filter, bool, shape (v or 1, 1, h, w); ``None`` means everywhere.
+        kernel: Positive weights, shape (5, 5); ``None`` means the B3 spline.
         options: Readings of the weights.
 
     Returns:
@@ -159,6 +242,7 @@ def advance(
         sigmas=sigmas,
         region=region,
         known=dropped,
+        kernel=kernel,
         guide=None if guide is image else guide,
         centre=None if centre is guide else centre,
         border=options.border,

@@ -1,0 +1,336 @@
+"""A stack of à-trous passes on compiled kernels, forwards and backwards: float32, on the CPU.
+
+The kernels read tensors where they are: nothing is packed or padded. A pass works on runs of blocks of sixteen pixels
+that hold a label, so it costs what it covers. Passes of one level, on different labels, read the same image. What the
+way back needs goes on tape while a pass writes: the pixels' old values and the sums of their weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from fovden.filters.kernels.blend import Guides, Passes, blend_runs
+from fovden.filters.kernels.gather import Gradients, Shares, gather_runs, prepare_runs, reduce_runs, scale_runs
+from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, spread
+from fovden.filters.taps import B3_SPLINE
+from fovden.memory import empty_on_large_pages
+from fovden.parallel import run
+
+__all__ = ["Blended", "Inputs", "Returned", "blend_stack", "return_gradients"]
+
+TILE = 16
+"""Runs that a thread takes at a time: rows, in most images, of some tens of microseconds each."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a stack of passes reads.
+
+    Attributes:
+        radiance: Radiance, shape (v, 3, h, w).
+        normal: Normals, the same shape.
+        position: Positions, the same shape.
+        mask: Weight of each pixel as a tap, shape (v, 1, h, w).
+        known: Which pixels have a value of their own, bool, shape (v, 1, h, w); ``None`` means all.
+        region: Labels from 0 to 30, bytes, shape (v, 1, h, w); ``None`` means 0.
+        inverse: Inverse squared widths of radiance, normal and position in each pass, shape (p, 3).
+        factors: What these are multiplied by at each pixel, shape (v, 3, h, w); ``None`` means 1.
+        kernels: Kernel of each pass, positive, shape (p, 5, 5); ``None`` means the B3 spline.
+        steps: Distance between the taps of each pass.
+        labels: Label of the pixels that each pass works on.
+        levels: Number of each pass's level; neighbours of one level read the same image.
+        fill: Whether a filled pixel counts as a tap, with weight 1, from the next level on.
+
+    Example:
+        >>> flat, row = torch.zeros(1, 3, 4, 4), torch.ones(1, 3)
+        >>> Inputs(flat, flat, flat, torch.ones(1, 1, 4, 4), None, None, row, None, None, (1,), (0,), (0,), False).fill
+        False
+    """
+
+    radiance: Tensor
+    normal: Tensor
+    position: Tensor
+    mask: Tensor
+    known: Tensor | None
+    region: Tensor | None
+    inverse: Tensor
+    factors: Tensor | None
+    kernels: Tensor | None
+    steps: Sequence[int]
+    labels: Sequence[int]
+    levels: Sequence[int]
+    fill: bool
+
+    def arrays(self) -> tuple[Passes, Guides]:
+        """Returns the kernels' view of them.
+
+        Example:
+            >>> flat, row, mask = torch.zeros(1, 3, 4, 4), torch.ones(1, 3), torch.ones(1, 1, 4, 4)
+            >>> inputs = Inputs(flat, flat, flat, mask, None, None, row, None, None, (1,), (0,), (0,), False)
+            >>> passes, _ = inputs.arrays()
+            >>> float(passes.taps[0, 12]) == np.log2(np.float32(9 / 64))
+            True
+        """
+        count, plane = len(self.steps), self.mask
+        spline = np.outer(B3_SPLINE, B3_SPLINE).astype(np.float32).reshape(1, 25)
+        kernels = np.tile(spline, (count, 1)) if self.kernels is None else _array(self.kernels).reshape(count, 25)
+        region = torch.zeros_like(plane, dtype=torch.uint8) if self.region is None else self.region
+        factors = plane.new_empty(0, 3, 1, 1) if self.factors is None else self.factors
+        return (
+            Passes(
+                np.asarray(self.labels, np.int64),
+                _array(self.inverse),
+                np.log2(kernels).astype(np.float32),
+                (kernels[:, ::-1] / kernels).astype(np.float32),
+            ),
+            Guides(_array(self.normal), _array(self.position), _array(region), _array(factors)),
+        )
+
+
+class Blended(NamedTuple):
+    """The outcome of a stack.
+
+    Attributes:
+        image: Radiance, shape (v, 3, h, w).
+        known: Which pixels have a value now, bool, shape (v, 1, h, w).
+        mask: Weight of each pixel as a tap now, shape (v, 1, h, w).
+        tape: What :func:`return_gradients` needs, shape (levels, v, 4 or 5, h, w); of no levels if not wanted.
+    """
+
+    image: Tensor
+    known: Tensor
+    mask: Tensor
+    tape: Tensor
+
+
+class Returned(NamedTuple):
+    """Gradients, in the order of :class:`Inputs`; ``None`` where there is no such input, or it was not wanted."""
+
+    radiance: Tensor
+    normal: Tensor | None
+    position: Tensor | None
+    mask: Tensor | None
+    inverse: Tensor
+    factors: Tensor | None
+    kernels: Tensor | None
+
+
+def blend_stack(inputs: Inputs, *, save: bool = False) -> Blended:
+    """Runs the passes.
+
+    Args:
+        inputs: What they read.
+        save: Whether to keep what the way back needs.
+
+    Returns:
+        The outcome.
+
+    Example:
+        >>> flat, row, mask = torch.zeros(1, 3, 4, 4), torch.ones(1, 3), torch.ones(1, 1, 4, 4)
+        >>> two = Inputs(flat + 2, flat, flat, mask, None, None, row, None, None, (2, 1), (0, 0), (0, 1), False)
+        >>> blend_stack(two).image.mean()
+        tensor(2.)
+    """
+    passes, guides = inputs.arrays()
+    image, mask = inputs.radiance.contiguous(), inputs.mask.contiguous()
+    known = torch.ones_like(mask) if inputs.known is None else inputs.known.to(mask.dtype).contiguous().clone()
+    levels = list(_levels(inputs))
+    channels = 5 if inputs.fill else 4
+    tape = empty_on_large_pages(len(levels) if save else 0, len(image), channels, *image.shape[2:])
+    nothing = np.empty((0, channels, *image.shape[2:]), np.float32)
+    spare: Tensor | None = None
+    for number, level in enumerate(levels):
+        if spare is None:
+            spare = torch.empty_like(image) if level.is_whole else image.clone()
+        next_mask = mask.clone() if inputs.fill else mask
+        if save and inputs.fill:
+            tape[number, :, 4:] = mask
+        run(
+            blend_runs,
+            len(level.runs),
+            (
+                level.runs, level.step, passes, guides, _array(image), _array(mask), _array(known), _array(spare),
+                _array(next_mask), inputs.fill, _array(tape[number]) if save else nothing,
+            ),
+            tile=TILE,
+        )  # fmt: skip
+        before, image, mask = image, spare, next_mask
+        spare = None if number == 0 else before  # the input is not ours to write to
+        if spare is not None and number + 1 < len(levels) and levels[number + 1].chosen is not level.chosen:
+            run(copy_runs, len(level.runs), (level.runs, _array(image), _array(spare)), tile=TILE)
+    return Blended(image if levels else image.clone(), known > 0, mask, tape)
+
+
+def return_gradients(
+    inputs: Inputs,
+    blended: Blended,
+    gradient: Tensor,
+    mask_gradient: Tensor | None = None,
+    *,
+    everything: bool = True,
+) -> Returned:
+    """Returns the gradients of all inputs, from those of the outcome; view by view, so that little memory is needed.
+
+    Args:
+        inputs: What the passes have read.
+        blended: Their outcome, with its tape.
+        gradient: Gradient of the image, shape (v, 3, h, w).
+        mask_gradient: Gradient of the mask, shape (v, 1, h, w), where passes fill it; ``None`` for 0.
+        everything: Whether those of normal, position and mask are wanted.
+
+    Returns:
+        The gradients.
+
+    Example:
+        >>> flat, row, mask = torch.zeros(1, 3, 4, 4), torch.ones(1, 3), torch.ones(1, 1, 4, 4)
+        >>> one = Inputs(flat + 2, flat, flat, mask, None, None, row, None, None, (1,), (0,), (0,), False)
+        >>> round(return_gradients(one, blend_stack(one, save=True), flat + 1).radiance.sum().item(), 4)
+        48.0
+    """
+    light = inputs.radiance.new_zeros(1, 4, *inputs.radiance.shape[2:])
+    planes = [light.new_empty(1, 3, *light.shape[2:]) for _ in range(2)]  # most often nobody writes there
+    scratch = Shares(light, planes[0], differ=False)
+    radiance = gradient.clone(memory_format=torch.contiguous_format)
+    mask = torch.zeros_like(inputs.mask, memory_format=torch.contiguous_format)
+    if mask_gradient is not None:
+        mask.copy_(mask_gradient)
+    normal, position = (
+        torch.zeros_like(radiance) if everything else radiance.new_empty(len(radiance), 0, 1, 1) for _ in range(2)
+    )
+    factors = None if inputs.factors is None else torch.zeros_like(radiance)
+    widths, taps = np.zeros((len(inputs.steps), 3)), np.zeros((len(inputs.steps), 25))
+    for view in range(len(radiance)):
+        part = slice(view, view + 1)
+        sums = Gradients(radiance[part], planes[1], normal[part], position[part], mask[part])
+        own = _view_of(inputs, part)
+        own_factors = None if factors is None else factors[part]
+        _walk_back(
+            own, blended.image[part], blended.tape[:, part], scratch, sums, own_factors, widths, taps, everything
+        )
+    kernels = None
+    if inputs.kernels is not None:
+        kernels = torch.from_numpy(taps).view(-1, 5, 5).div(inputs.kernels).to(inputs.kernels.dtype)
+    return Returned(
+        radiance,
+        normal if everything else None,
+        position if everything else None,
+        mask if everything else None,
+        torch.from_numpy(widths).to(inputs.inverse.dtype),
+        factors,
+        kernels,
+    )
+
+
+def _walk_back(
+    inputs: Inputs,
+    image: Tensor,
+    tape: Tensor,
+    scratch: Shares,
+    sums: Gradients,
+    factors: Tensor | None,
+    widths: NDArray[np.float64],
+    taps: NDArray[np.float64],
+    everything: bool,
+) -> None:
+    """Adds the gradients of one view, whose radiance after all passes is ``image``."""
+    passes, guides = inputs.arrays()
+    light, gradients = _array(scratch.light), Gradients(*map(_array, sums))
+    no_factors = np.empty((0, 3, 1, 1), np.float32)
+    levels = list(_levels(inputs))
+    is_ours = False  # the image: to be written to
+    for number in reversed(range(len(levels))):
+        level, own = levels[number], _array(tape[number])
+        if number + 1 == len(levels) or levels[number + 1].chosen is not level.chosen:
+            scratch.light.zero_()
+        if not level.is_whole and not is_ours:
+            image, is_ours = image[:, :3].clone(), True
+        runs, unknown = level.runs, np.zeros(len(level.runs), np.bool_)
+        fills = inputs.fill and everything
+        run(
+            prepare_runs,
+            len(runs),
+            (
+                runs, passes, guides, _array(image), gradients.image, gradients.mask, fills, own, not level.is_whole,
+                light, unknown,
+            ),
+            tile=TILE,
+        )  # fmt: skip
+        if level.is_whole:
+            image, is_ours = tape[number], False
+        several = inputs.factors is not None or inputs.kernels is not None or len(level.members) > 1
+        differ = several or bool(unknown.any())  # widths, or kernels are wanted, which costs as much
+        if differ:
+            if not level.is_whole:
+                scratch.scales.zero_()
+            run(scale_runs, len(runs), (runs, passes, guides, own, _array(scratch.scales)), tile=TILE)
+        mask = tape[number, :, 4:].contiguous() if inputs.fill else inputs.mask
+        reached = runs_of(spread(level.chosen, level.step, image.shape[2]), level.members[0])
+        run_widths, run_taps = np.zeros((len(reached), 3)), np.zeros((len(reached), 25))
+        shares = Shares(light, _array(scratch.scales), differ)
+        run(
+            gather_runs,
+            len(reached),
+            (
+                reached, level.step, passes, guides, _array(image), _array(mask), shares, everything, gradients,
+                run_widths, run_taps,
+            ),
+            tile=TILE,
+        )  # fmt: skip
+        if differ:
+            differing = np.zeros((len(runs), 3))
+            arrays = gradients.widths, no_factors if factors is None else _array(factors)
+            run(reduce_runs, len(runs), (runs, passes, guides, own, *arrays, differing), tile=TILE)
+            np.add.at(widths, runs[:, 3], differing)
+            taps[level.members[0]] += run_taps.sum(0)
+        else:
+            widths[level.members[0]] += run_widths.sum(0)
+
+
+def _view_of(inputs: Inputs, part: slice) -> Inputs:
+    """The inputs of one view."""
+    names = ("radiance", "normal", "position", "mask", "known", "region", "factors")
+    tensors = {name: getattr(inputs, name) for name in names}
+    return replace(inputs, **{name: tensor[part] for name, tensor in tensors.items() if tensor is not None})
+
+
+class _Level(NamedTuple):
+    """Passes that read the same image: their step, their numbers, their blocks, and these as runs."""
+
+    step: int
+    members: list[int]
+    chosen: NDArray[np.bool_]
+    runs: NDArray[np.int32]
+    is_whole: bool
+
+
+def _levels(inputs: Inputs) -> Iterator[_Level]:
+    """The passes, level by level; levels that work on the same labels share the array of their blocks."""
+    views, _, height, width = inputs.radiance.shape
+    marks = np.ones((views * height, -(-width // WIDTH)), np.int32)
+    if inputs.region is not None:
+        labels = _array(inputs.region).reshape(-1, width)
+        run(mark_blocks, len(labels), (labels, marks), tile=64)
+    chosen: dict[tuple[int, ...], Any] = {}
+    for _, group in groupby(range(len(inputs.steps)), lambda number: inputs.levels[number]):
+        members = list(group)
+        labels_ = tuple(inputs.labels[number] for number in members)
+        if labels_ not in chosen:
+            own = [marks & (1 << label) != 0 for label in labels_]
+            chosen[labels_] = own, np.logical_or.reduce(own)
+        own, together = chosen[labels_]
+        runs = np.concatenate([runs_of(blocks, number) for blocks, number in zip(own, members, strict=True)])
+        is_whole = inputs.region is None and labels_ == (0,)
+        yield _Level(inputs.steps[members[0]], members, together, runs, is_whole)
+
+
+def _array(tensor: Tensor) -> Any:
+    return tensor.detach().contiguous().numpy()

@@ -1,0 +1,88 @@
+"""Sixteen pixels of a row at a time: masked reads and writes, and powers of two.
+
+What lies outside a row, or outside the pixels that a pass works on, is neither read nor written: images need no
+padding, and two threads may work on neighbouring pixels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils
+
+from fovden.jit import Float, inlined
+from fovden.simd import F32, I32, Builder, Lanes, Value, fused, splat
+
+WIDTH = 16
+"""Pixels of a block. Where a processor's vectors are shorter, LLVM takes two or four of them."""
+
+SMALLEST_POWER = np.float32(-125.0)
+"""Powers of two stop here, so that they stay normal float32 numbers: others take a hundred times as long."""
+
+SHIFTER = np.float32(12582912.0)  # 1.5 * 2^23: adding it rounds to an integer, which is then in the lowest bits
+
+EXP2 = tuple(map(np.float32, (1.0000001, 0.69314694, 0.2402212, 0.05550713, 0.00967554, 0.00132765)))
+"""2^f for f in [-1/2, 1/2] by powers of f: the polynomial of least greatest relative error, 7.5e-8, rounded to float32
+(1.5e-7)."""
+
+BYTE = ir.IntType(8)
+
+
+def in_row(builder: Builder, x: Value, width: Value) -> Value:
+    """Which of the pixels x, x + 1, ... lie in 0 .. width - 1, as a mask."""
+    lanes = ir.Constant(ir.VectorType(I32, WIDTH), list(range(WIDTH)))
+    first = splat(builder, builder.trunc(x, I32), WIDTH).value
+    end = splat(builder, builder.trunc(width, I32), WIDTH).value
+    return builder.icmp_unsigned("<", builder.add(first, lanes), end)
+
+
+def have_label(builder: Builder, labels: Value, offset: Value, label: Value, mask: Value) -> Value:
+    """Which of the pixels under the mask have the label, as a mask; labels are bytes."""
+    kind = ir.VectorType(BYTE, WIDTH)
+    found = _masked_load(builder, labels, offset, mask, kind, "i8")
+    return builder.and_(
+        mask, builder.icmp_unsigned("==", found, splat(builder, builder.trunc(label, BYTE), WIDTH).value)
+    )
+
+
+def masked_load(builder: Builder, pointer: Value, offset: Value, mask: Value) -> Lanes:
+    """Sixteen numbers from any place of memory; 0 where the mask is not set, and nothing is read there."""
+    return Lanes(builder, _masked_load(builder, pointer, offset, mask, ir.VectorType(F32, WIDTH), "f32"))
+
+
+def _masked_load(builder: Builder, pointer: Value, offset: Value, mask: Value, kind: Value, element: str) -> Value:
+    place = builder.bitcast(builder.gep(pointer, [offset]), kind.as_pointer())
+    signature = ir.FunctionType(kind, [kind.as_pointer(), I32, mask.type, kind])
+    name = f"llvm.masked.load.v{WIDTH}{element}.p0v{WIDTH}{element}"
+    function = cgutils.get_or_insert_function(builder.module, signature, name)
+    return builder.call(function, [place, ir.Constant(I32, 1), mask, ir.Constant(kind, [0] * WIDTH)])
+
+
+def masked_store(builder: Builder, lanes: Lanes, pointer: Value, offset: Value, mask: Value) -> None:
+    """Writes sixteen numbers to any place of memory, where the mask is set."""
+    kind = lanes.value.type
+    place = builder.bitcast(builder.gep(pointer, [offset]), kind.as_pointer())
+    signature = ir.FunctionType(ir.VoidType(), [kind, kind.as_pointer(), I32, mask.type])
+    name = f"llvm.masked.store.v{WIDTH}f32.p0v{WIDTH}f32"
+    function = cgutils.get_or_insert_function(builder.module, signature, name)
+    builder.call(function, [lanes.value, place, ir.Constant(I32, 4), mask])
+
+
+def exp2(x: Lanes) -> Lanes:
+    """2^x for x up to 127; less than -125 is taken for that, and what is no number stays none."""
+    builder, kind, integers = x.builder, x.value.type, ir.VectorType(I32, WIDTH)
+    floor = Lanes(builder, ir.Constant(kind, [float(SMALLEST_POWER)] * WIDTH))
+    x = (x < float(SMALLEST_POWER)).select(floor, x)
+    shifted = x + float(SHIFTER)
+    fraction = x - (shifted - float(SHIFTER))
+    power = Lanes(builder, ir.Constant(kind, [float(EXP2[-1])] * WIDTH))
+    for coefficient in reversed(EXP2[:-1]):
+        power = fused(power, fraction, Lanes(builder, ir.Constant(kind, [float(coefficient)] * WIDTH)))
+    exponent = builder.shl(builder.bitcast(shifted.value, integers), ir.Constant(integers, [23] * WIDTH))
+    return Lanes(builder, builder.bitcast(builder.add(builder.bitcast(power.value, integers), exponent), kind))
+
+
+@inlined
+def exp2_plain(x: Float) -> Float:
+    """:func:`exp2` of one number."""
+    return np.exp2(SMALLEST_POWER if x < SMALLEST_POWER else x)

@@ -1,0 +1,63 @@
+"""Which blocks of sixteen pixels a pass works on: runs of them in each row of the image."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fovden.filters.kernels.lanes import WIDTH
+from fovden.jit import Int, kernel
+
+
+@kernel
+def mark_blocks(start: Int, stop: Int, labels: Any, marks: Any) -> None:
+    """Sets bit l of a block's mark if one of its pixels has the label l; ``labels`` is (rows, w), of less than 32."""
+    width = labels.shape[1]
+    for row in range(start, stop):
+        for block in range(marks.shape[1]):
+            mark, last = np.int32(0), -1
+            for x in range(block * WIDTH, min(block * WIDTH + WIDTH, width)):
+                label = np.int64(labels[row, x])
+                if label != last:
+                    mark |= np.int32(1) << np.int32(label)
+                    last = label
+            marks[row, block] = mark
+
+
+def runs_of(chosen: NDArray[np.bool_], number: int) -> NDArray[np.int32]:
+    """Rows (row, first block, end of the blocks, number) of the chosen blocks, shape (rows, blocks)."""
+    padded = np.zeros((len(chosen), chosen.shape[1] + 2), np.int8)
+    padded[:, 1:-1] = chosen
+    change = np.diff(padded, axis=1)
+    row, first = np.nonzero(change == 1)
+    end = np.nonzero(change == -1)[1]
+    return np.stack([row, first, end, np.full_like(row, number)], axis=1).astype(np.int32)
+
+
+def spread(chosen: NDArray[np.bool_], step: int, rows: int) -> NDArray[np.bool_]:
+    """The blocks that have one of the chosen as a tap; views have ``rows`` rows each."""
+    views = chosen.reshape(-1, rows, chosen.shape[1])
+    reach = -(-2 * step // WIDTH)
+    wide = views.copy()
+    for shift in range(1, min(reach, views.shape[2] - 1) + 1):
+        wide[:, :, shift:] |= views[:, :, :-shift]
+        wide[:, :, :-shift] |= views[:, :, shift:]
+    tall = wide.copy()
+    for shift in (step, 2 * step):
+        if shift < rows:
+            tall[:, shift:] |= wide[:, :-shift]
+            tall[:, :-shift] |= wide[:, shift:]
+    return tall.reshape(chosen.shape)
+
+
+@kernel
+def copy_runs(start: Int, stop: Int, runs: Any, source: Any, target: Any) -> None:
+    """Copies the blocks of the runs start .. stop - 1 from one image to another, both (v, c, h, w)."""
+    height, width = source.shape[2], source.shape[3]
+    for run in range(start, stop):
+        view, y = np.int64(runs[run, 0]) // height, np.int64(runs[run, 0]) % height
+        for channel in range(source.shape[1]):
+            for x in range(np.int64(runs[run, 1]) * WIDTH, min(np.int64(runs[run, 2]) * WIDTH, width)):
+                target[view, channel, y, x] = source[view, channel, y, x]

@@ -1,0 +1,308 @@
+"""``fovden::atrous``: a stack of à-trous passes as one PyTorch operator with its own derivative.
+
+In float32 on the CPU it runs on compiled kernels (:mod:`fovden.filters.fused`). :func:`run_passes` calls it, and
+otherwise composes the same of torch operations (:func:`fovden.filters.passes.compose`): on other devices, in float64,
+and for the readings of the weights that are there to be studied. A second derivative is that of the composed form.
+
+The operator is opaque to ``torch.compile`` and ``torch.export``, which know the shapes of what it returns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from fovden.filters.fused import Blended, Inputs, blend_stack, return_gradients
+from fovden.filters.passes import Pass, PassOptions, State, compose
+from fovden.filters.taps import Sigmas
+
+__all__ = ["run_passes"]
+
+MOST_LABELS = 31
+TENSORS = ("radiance", "normal", "position", "mask", "known", "region", "inverse", "factors", "kernels")
+GRADIENTS = ("radiance", "normal", "position", "mask", "inverse", "factors", "kernels")
+
+
+@torch.library.custom_op("fovden::atrous", mutates_args=(), device_types="cpu")
+def _atrous(
+    radiance: Tensor,
+    normal: Tensor,
+    position: Tensor,
+    mask: Tensor,
+    known: Tensor | None,
+    region: Tensor | None,
+    inverse: Tensor,
+    factors: Tensor | None,
+    kernels: Tensor | None,
+    steps: Sequence[int],
+    labels: Sequence[int],
+    levels: Sequence[int],
+    fill: bool,
+    save: bool,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    tensors = radiance, normal, position, mask, known, region, inverse, factors, kernels
+    blended = blend_stack(Inputs(*tensors, steps, labels, levels, fill), save=save)
+    return blended if fill else blended._replace(mask=mask.new_empty(0))  # what is returned must not be an argument
+
+
+@_atrous.register_fake
+def _(*arguments: Any) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    radiance, _, _, mask = arguments[:4]
+    levels, fill, save = arguments[11:]
+    views, _, height, width = radiance.shape
+    image, known = radiance.new_empty(radiance.shape), mask.new_empty(mask.shape, dtype=torch.bool)
+    after = mask.new_empty(mask.shape if fill else 0)
+    tape = radiance.new_empty(len(set(levels)) if save else 0, views, 5 if fill else 4, height, width)
+    return image, known, after, tape
+
+
+@torch.library.custom_op("fovden::atrous_backward", mutates_args=(), device_types="cpu")
+def _atrous_backward(
+    gradient: Tensor,
+    mask_gradient: Tensor | None,
+    image: Tensor,
+    tape: Tensor,
+    everything: bool,
+    radiance: Tensor,
+    normal: Tensor,
+    position: Tensor,
+    mask: Tensor,
+    known: Tensor | None,
+    region: Tensor | None,
+    inverse: Tensor,
+    factors: Tensor | None,
+    kernels: Tensor | None,
+    steps: Sequence[int],
+    labels: Sequence[int],
+    levels: Sequence[int],
+    fill: bool,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    tensors = radiance, normal, position, mask, known, region, inverse, factors, kernels
+    inputs, blended = Inputs(*tensors, steps, labels, levels, fill), Blended(image, mask, mask, tape)
+    returned = return_gradients(inputs, blended, gradient, mask_gradient, everything=everything)
+    return tuple(radiance.new_empty(0) if each is None else each for each in returned)
+
+
+@_atrous_backward.register_fake
+def _(*arguments: Any) -> tuple[Tensor, ...]:
+    everything = arguments[4]
+    radiance, normal, position, mask, _, _, inverse, factors, kernels = arguments[5:14]
+    guides = (normal, position, mask) if everything else (None, None, None)
+    wanted = radiance, *guides, inverse, factors, kernels
+    return tuple(radiance.new_empty(0 if each is None else each.shape) for each in wanted)
+
+
+def _remember(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, ...]) -> None:
+    ctx.save_for_backward(*inputs[:9], output[0], output[3])
+    ctx.numbers = inputs[9:13]
+    ctx.mark_non_differentiable(output[1], output[3])
+
+
+def _backward(ctx: Any, gradient: Tensor, _: Any, mask_gradient: Tensor | None, __: Any) -> tuple[Any, ...]:
+    *tensors, image, tape = ctx.saved_tensors
+    everything = any(ctx.needs_input_grad[1:4])
+    fill = ctx.numbers[3]
+    returned = _StackBackward.apply(
+        gradient, mask_gradient if fill else None, image, tape, everything, *tensors, *ctx.numbers
+    )
+    gradients = dict(zip(GRADIENTS, returned, strict=True))
+    wanted = [
+        gradients[name] if needed and name in gradients else None
+        for name, needed in zip(TENSORS, ctx.needs_input_grad[: len(TENSORS)], strict=True)
+    ]
+    return (*wanted, *[None] * 5)
+
+
+class _Stack(torch.autograd.Function):
+    """The operator and its derivative, also where ``torch.func`` takes it, which an operator alone does not serve."""
+
+    @staticmethod
+    def forward(*arguments: Any) -> Any:
+        """Calls the operator."""
+        return _atrous(*arguments)
+
+    setup_context = staticmethod(_remember)
+    backward = staticmethod(_backward)
+
+
+_atrous.register_autograd(_backward, setup_context=_remember)
+
+
+def _remember_backward(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, ...]) -> None:
+    ctx.save_for_backward(*inputs[:2], *inputs[5:14])
+    ctx.numbers = inputs[14:]
+    ctx.sizes = [each.numel() for each in output]
+
+
+def _backward_twice(ctx: Any, *returned: Tensor) -> tuple[Any, ...]:
+    gradient, mask_gradient, *tensors = ctx.saved_tensors
+    with torch.enable_grad():
+        seeds = [None if each is None else each.detach().requires_grad_() for each in (gradient, mask_gradient)]
+        named = dict(zip(TENSORS, tensors, strict=True))
+        for name in GRADIENTS:
+            if named[name] is not None:
+                named[name] = named[name].detach().requires_grad_()
+        outcome = _compose(named, *ctx.numbers)
+        outputs = [(outcome.image, seeds[0])] + ([] if seeds[1] is None else [(outcome.mask, seeds[1])])
+        names = [name for name, size in zip(GRADIENTS, ctx.sizes, strict=True) if size and named[name] is not None]
+        first = torch.autograd.grad(
+            [output for output, _ in outputs],
+            [named[name] for name in names],
+            [seed for _, seed in outputs],
+            create_graph=True,
+            materialize_grads=True,
+        )
+        cotangents = dict(zip(GRADIENTS, returned, strict=True))
+        leaves = [
+            *(seed for seed in seeds if seed is not None),
+            *(named[name] for name in GRADIENTS if named[name] is not None),
+        ]
+        second = iter(
+            torch.autograd.grad(
+                first,
+                leaves,
+                [cotangents[name] for name in names],
+                create_graph=torch.is_grad_enabled(),
+                allow_unused=True,
+            )
+        )
+    seeded = [None if seed is None else next(second) for seed in seeds]
+    found = {name: next(second) for name in GRADIENTS if named[name] is not None}
+    return (*seeded, None, None, None, *(found.get(name) for name in TENSORS), *[None] * 4)
+
+
+class _StackBackward(torch.autograd.Function):
+    """The derivative and its own."""
+
+    @staticmethod
+    def forward(*arguments: Any) -> Any:
+        """Calls the operator."""
+        return _atrous_backward(*arguments)
+
+    setup_context = staticmethod(_remember_backward)
+    backward = staticmethod(_backward_twice)
+
+
+_atrous_backward.register_autograd(_backward_twice, setup_context=_remember_backward)
+
+
+def _compose(
+    tensors: dict[str, Any], steps: Sequence[int], labels: Sequence[int], levels: Sequence[int], fill: bool
+) -> State:
+    """The operator's arguments, composed of torch operations."""
+    widths, kernels = tensors["inverse"] ** -0.5, tensors["kernels"]
+    passes = [
+        Pass(step, Sigmas(own[0], own[1] / step, own[2]), label, level, None if kernels is None else kernels[number])
+        for number, (own, step, label, level) in enumerate(zip(widths.unbind(), steps, labels, levels, strict=True))
+    ]
+    known, factors = tensors["known"], tensors["factors"]
+    state = State(
+        tensors["radiance"],
+        tensors["mask"],
+        torch.ones_like(tensors["mask"], dtype=torch.bool) if known is None else known,
+        tensors["radiance"],
+    )
+    return compose(
+        state, tensors["normal"], tensors["position"], passes, region=tensors["region"],
+        factors=None if factors is None else factors**-0.5, options=PassOptions(fill=fill),
+    )  # fmt: skip
+
+
+def run_passes(
+    state: State,
+    normal: Tensor,
+    position: Tensor,
+    passes: Sequence[Pass],
+    *,
+    region: Tensor | None = None,
+    factors: Tensor | None = None,
+    options: PassOptions,
+) -> State:
+    """Returns the state after a stack of passes: fused where that is possible, composed of torch operations elsewhere.
+
+    Fused are float32 tensors on the CPU with three channels of radiance, with the taps outside the image left out and
+    the image so far as a guide, which are the defaults.
+
+    Args:
+        state: The state before.
+        normal: Unit normals, shape (v, 3, h, w).
+        position: Positions, shape (v, 3, h, w).
+        passes: The passes.
+        region: Labels from 0 to 30, integers, shape (v or 1, 1, h, w); ``None`` means 0 everywhere.
+        factors: What the widths of radiance, normal and position are multiplied by at each pixel, positive,
+            shape (v, 3, h, w); ``None`` means 1.
+        options: Readings of the weights.
+
+    Returns:
+        The state after.
+
+    Differentiable: in image, mask, guides, widths, kernels and factors; twice. Fused, five passes over two views of
+    960 x 1080 pixels keep 166 MB for the way back, and nothing where no gradient is wanted.
+
+    Example:
+        >>> from fovden.filters.passes import begin
+        >>> flat = torch.zeros(1, 3, 4, 4)
+        >>> half = begin(flat + 2, torch.tensor([1.0, 0.0, 1.0, 0.0]).expand(1, 1, 4, 4))
+        >>> stack = [Pass(2, Sigmas(1.0, 1.0, 1.0), level=0), Pass(1, Sigmas(1.0, 1.0, 1.0), level=1)]
+        >>> run_passes(half, flat, flat, stack, options=PassOptions()).image.mean()
+        tensor(2.)
+    """
+    if not passes:
+        return state
+    if not _can_fuse(state, passes, options):
+        return compose(state, normal, position, passes, region=region, factors=factors, options=options)
+    image, mask, known, first = state
+    dtype = image.dtype
+    if region is not None:
+        region = region.to(torch.uint8).expand_as(mask)
+    taps = mask
+    if options.mask_at == "center":
+        inside = torch.zeros_like(mask, dtype=torch.uint8) if region is None else region
+        region, taps = torch.where(mask > 0, inside, MOST_LABELS), torch.ones_like(mask)
+    widths = [
+        torch.stack([torch.as_tensor(sigma, dtype=dtype) for sigma in (s.radiance, step * s.normal, s.position)])
+        for step, s, *_ in passes
+    ]
+    kernels = (
+        None if passes[0].kernel is None else torch.stack([each.kernel for each in passes if each.kernel is not None])
+    )
+    inverse = torch.stack(widths) ** -2
+    factors = None if factors is None else factors.to(dtype).expand_as(image) ** -2
+    wanted = (image, normal, position, taps, inverse, factors, kernels)
+    save = torch.is_grad_enabled() and any(each is not None and each.requires_grad for each in wanted)
+    call = _atrous if torch.compiler.is_compiling() else _Stack.apply
+    after, filled, next_mask, _ = call(
+        image,
+        normal.to(dtype),
+        position.to(dtype),
+        taps,
+        None if options.unsampled_guide == "literal" else known,
+        region,
+        inverse,
+        factors,
+        kernels,
+        [each.step for each in passes],
+        [each.label for each in passes],
+        [each.level for each in passes],
+        options.fill,
+        save,
+    )
+    return State(after, next_mask if options.fill else mask, known | filled, first)
+
+
+def _can_fuse(state: State, passes: Sequence[Pass], options: PassOptions) -> bool:
+    image = state.image
+    kernels = [each.kernel is not None for each in passes]
+    joined = len({each.level for each in passes}) < len(passes)
+    return (
+        image.device.type == "cpu"
+        and image.dtype == torch.float32
+        and image.shape[1] == 3
+        and options.guide == "current"
+        and options.unsampled_guide != "nearest"
+        and options.border == "skip"
+        and (not any(kernels) or (all(kernels) and not joined))
+    )
