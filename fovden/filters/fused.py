@@ -17,8 +17,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from fovden.filters.kernels.back import Gradients, gather_runs, prepare_runs, reduce_runs, scale_runs
 from fovden.filters.kernels.blend import Guides, Passes, blend_runs
-from fovden.filters.kernels.gather import Gradients, Shares, gather_runs, prepare_runs, reduce_runs, scale_runs
+from fovden.filters.kernels.gather import Shares
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, spread
 from fovden.filters.taps import B3_SPLINE

@@ -6,6 +6,7 @@ How many steps that takes depends on the data, so a compiler cannot look into it
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import torch
@@ -151,14 +152,18 @@ def _fill_holes_backward(
     sigma_position: Tensor,
     label: Tensor | None,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    with torch.enable_grad():
-        leaves = [
-            each.detach().to(image.dtype).requires_grad_()
-            for each in (image, mask, normal, position, sigma_normal, sigma_position)
-        ]
-        filled = _fill_holes(leaves[0], holes, *leaves[1:], label)
-        image_, mask_, *others = torch.autograd.grad(filled, leaves, gradient, materialize_grads=True)
-    return image_.contiguous(), mask_.contiguous(), *(each.contiguous() for each in others)  # type: ignore[return-value]
+    sigmas = sigma_normal, sigma_position
+
+    def differentiate() -> tuple[Tensor, ...]:
+        tensors = image, mask, normal, position, *sigmas
+        leaves = [each.detach().to(image.dtype).requires_grad_() for each in tensors]
+        filled = _fill_holes(leaves[0], holes, leaves[1], leaves[2], leaves[3], leaves[4], leaves[5], label)
+        return torch.autograd.grad(filled, leaves, gradient, materialize_grads=True)
+
+    # Inside an operator PyTorch records nothing for a derivative; in another thread it does.
+    with ThreadPoolExecutor(1) as executor:
+        returned = [each.contiguous() for each in executor.submit(differentiate).result()]
+    return tuple(returned)  # type: ignore[return-value]
 
 
 @_fill_holes_backward.register_fake

@@ -290,7 +290,7 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         return [each._replace(level=-each.step) for each in sorted(passes, key=lambda each: -each.step)]
 
     def _fill(self, state: State, normal: Tensor, position: Tensor, layer: Tensor) -> Tensor:
-        if self.options.mask_at == "center" or bool(state.known.all()):
+        if self.options.mask_at == "center":
             return state.image
         widths = [self._passes(index)[0].sigmas for index in range(len(self.levels))]
         return fill(
@@ -311,7 +311,8 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         views, _, height, width = plane.shape
         require_shapes("v 1 h w", {"h": height, "w": width}, layer=require_tensor("layer", layer))
         require(layer.shape[0] in (1, views), "layer", f"{layer.shape[0]} views", f"1 or {views} views")
-        require(bool((layer >= 0).all()), "layer", f"a least value of {int(layer.min())}", "values of at least 0")
+        if not torch.compiler.is_compiling():  # values are looked at only where that does not break a graph
+            require(bool((layer >= 0).all()), "layer", f"a least value of {int(layer.min())}", "values of at least 0")
         return layer.to(torch.int64).clamp(max=len(self.levels) - 1).expand_as(plane)
 
     def _per_layer(self, name: str, widths: float | Sequence[float]) -> list[float]:

@@ -83,7 +83,8 @@ def _atrous_backward(
     tensors = radiance, normal, position, mask, known, region, inverse, factors, kernels
     inputs, blended = Inputs(*tensors, steps, labels, levels, fill), Blended(image, mask, mask, tape)
     returned = return_gradients(inputs, blended, gradient, mask_gradient, everything=everything)
-    return tuple(radiance.new_empty(0) if each is None else each for each in returned)
+    outputs = [radiance.new_empty(0) if each is None else each for each in returned]
+    return tuple(outputs)  # type: ignore[return-value]
 
 
 @_atrous_backward.register_fake
@@ -105,7 +106,7 @@ def _backward(ctx: Any, gradient: Tensor, _: Any, mask_gradient: Tensor | None, 
     *tensors, image, tape = ctx.saved_tensors
     everything = any(ctx.needs_input_grad[1:4])
     fill = ctx.numbers[3]
-    returned = _StackBackward.apply(
+    returned = _StackBackward.apply(  # type: ignore[no-untyped-call]
         gradient, mask_gradient if fill else None, image, tape, everything, *tensors, *ctx.numbers
     )
     gradients = dict(zip(GRADIENTS, returned, strict=True))
@@ -274,7 +275,7 @@ def run_passes(
     wanted = (image, normal, position, taps, inverse, factors, kernels)
     save = torch.is_grad_enabled() and any(each is not None and each.requires_grad for each in wanted)
     call = _atrous if torch.compiler.is_compiling() else _Stack.apply
-    after, filled, next_mask, _ = call(
+    after, filled, next_mask, _ = call(  # type: ignore[no-untyped-call]
         image,
         normal.to(dtype),
         position.to(dtype),

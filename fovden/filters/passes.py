@@ -179,7 +179,7 @@ def compose(
             before, level = state, each.level
         sigmas = each.sigmas
         if factors is not None:
-            widths = zip(each.sigmas, factors.split(1, 1), strict=True)
+            widths = zip(each.sigmas, torch.tensor_split(factors, 3, dim=1), strict=True)
             sigmas = Sigmas(*(sigma * factor for sigma, factor in widths))
         own = None if region is None else region == each.label
         new = advance(

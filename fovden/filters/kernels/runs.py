@@ -17,12 +17,9 @@ def mark_blocks(start: Int, stop: Int, labels: Any, marks: Any) -> None:
     width = labels.shape[1]
     for row in range(start, stop):
         for block in range(marks.shape[1]):
-            mark, last = np.int32(0), -1
+            mark = np.int32(0)
             for x in range(block * WIDTH, min(block * WIDTH + WIDTH, width)):
-                label = np.int64(labels[row, x])
-                if label != last:
-                    mark |= np.int32(1) << np.int32(label)
-                    last = label
+                mark |= np.int32(1) << np.int32(labels[row, x])
             marks[row, block] = mark
 
 
