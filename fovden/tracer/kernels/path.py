@@ -20,6 +20,7 @@ from fovden.tracer.kernels.bsdf import evaluate, sample
 from fovden.tracer.kernels.draws import draw
 from fovden.tracer.kernels.illumination import (
     Lights,
+    LightSample,
     LightTable,
     emitter_density,
     environment_radiance,
@@ -52,6 +53,9 @@ of the light that the bounce met, and MET_SCALE; and two directions, TO_LIGHT an
 PRIM, LIGHT, WHITE, COLOURED, BOUNCE_WHITE, BOUNCE_COLOURED, MET, MET_SCALE = 0, 3, 4, 5, 6, 7, 8, 9
 TO_LIGHT, TO_BOUNCE = 10, 13
 
+KNOWN, LIT = 0, 1
+WORD = 64
+
 
 class World(NamedTuple):
     """All that a path meets."""
@@ -76,6 +80,12 @@ class Tape(NamedTuple):
 
     numbers: Any
     runs: bool
+
+
+class Sight(NamedTuple):
+    """Which points and directions of light the first surface sees: the same shadow rays for all paths from there."""
+
+    words: Any  # KNOWN, the rows that have been asked for, and of these LIT, those that nothing shadows, a bit a row
 
 
 class Hit(NamedTuple):
@@ -117,8 +127,38 @@ class Found(NamedTuple):
 
 
 @inlined
+def forget(sight: Sight) -> None:
+    """To be called where paths begin at another surface."""
+    sight.words[KNOWN], sight.words[LIT] = 0, 0
+
+
+@inlined
+def is_lit(world: World, scratch: Scratch, surface: Surface, light: LightSample, sight: Sight, is_first: bool) -> bool:
+    """Whether nothing lies between a surface and its light."""
+    bit = np.int64(0)
+    if is_first and light.density == ZERO and light.row < WORD:
+        bit = np.int64(1) << np.int64(light.row)
+        if sight.words[KNOWN] & bit:
+            return bool(sight.words[LIT] & bit)
+    o, d = origin_above(surface), light.direction
+    lit = not is_occluded(world.accelerator, scratch, o.x, o.y, o.z, d.x, d.y, d.z, light.distance)
+    sight.words[KNOWN] |= bit
+    if lit:
+        sight.words[LIT] |= bit
+    return lit
+
+
+@inlined
 def sampled_light(
-    world: World, scratch: Scratch, surface: Surface, viewer: Vector, xi: Vector, alone: bool, tape: Tape, first: Int
+    world: World,
+    scratch: Scratch,
+    surface: Surface,
+    viewer: Vector,
+    xi: Vector,
+    alone: bool,
+    sight: Sight,
+    tape: Tape,
+    first: Int,
 ) -> Found:
     """Light of one randomly chosen light that the surface reflects: its share of all the light there.
 
@@ -130,15 +170,14 @@ def sampled_light(
     if light.density > ZERO and not alone:
         scale *= light.density / (light.density + reflection.density)
     # The geometric normal guards against light that would pass through the back of the surface.
-    if scale > ZERO and dot(light.direction, surface.geometric) > ZERO:
-        o, d = origin_above(surface), light.direction
-        if not is_occluded(world.accelerator, scratch, o.x, o.y, o.z, d.x, d.y, d.z, light.distance):
-            white, share = scale * reflection.white, scale * reflection.coloured
-            if tape.runs:
-                tape.numbers[first + LIGHT] = np.float32(light.row)
-                tape.numbers[first + WHITE], tape.numbers[first + COLOURED] = white, share
-                write_three(tape.numbers, first + TO_LIGHT, d)
-            return Found(light.colour, white, share)
+    arrives = scale > ZERO and dot(light.direction, surface.geometric) > ZERO
+    if arrives and is_lit(world, scratch, surface, light, sight, first == 0):
+        white, share = scale * reflection.white, scale * reflection.coloured
+        if tape.runs:
+            tape.numbers[first + LIGHT] = np.float32(light.row)
+            tape.numbers[first + WHITE], tape.numbers[first + COLOURED] = white, share
+            write_three(tape.numbers, first + TO_LIGHT, light.direction)
+        return Found(light.colour, white, share)
     return Found(light.colour, ZERO, ZERO)
 
 
@@ -187,6 +226,7 @@ def begin_vertex(tape: Tape, first: Int, hit: Hit) -> None:
 def trace_path(
     world: World,
     scratch: Scratch,
+    sight: Sight,
     start: Hit,
     surface: Surface,
     albedo: Vector,
@@ -205,6 +245,7 @@ def trace_path(
     Args:
         world: The scene.
         scratch: The thread's working memory.
+        sight: What is known of the light at the first surface.
         start: The hit of the first surface.
         surface: The first surface.
         albedo: Its albedo.
@@ -223,7 +264,7 @@ def trace_path(
         if tape.runs:
             begin_vertex(tape, first, hit)
         x, y, z, fate = draw(sampler, seed, stream, pixel, view, number, 2 * vertex)
-        light = sampled_light(world, scratch, surface, viewer, Vector(x, y, z), is_last, tape, first)
+        light = sampled_light(world, scratch, surface, viewer, Vector(x, y, z), is_last, sight, tape, first)
         if vertex > 0:
             albedo = albedo_of(world.geometry, surface)
         reflected = product(light.colour, coloured(albedo, light.white, light.coloured))

@@ -13,7 +13,18 @@ from fovden.tracer.kernels.bsdf import gbuffer_roughness
 from fovden.tracer.kernels.draws import draw
 from fovden.tracer.kernels.illumination import LightTable, environment_radiance
 from fovden.tracer.kernels.layout import SCRATCH_SIZE, STACK_SIZE
-from fovden.tracer.kernels.path import TAPE, Hit, Setting, Tape, World, open_world, trace, trace_path
+from fovden.tracer.kernels.path import (
+    TAPE,
+    Hit,
+    Setting,
+    Sight,
+    Tape,
+    World,
+    forget,
+    open_world,
+    trace,
+    trace_path,
+)
 from fovden.tracer.kernels.surface import GeometryArrays, albedo_of, emitted, surface_at
 from fovden.tracer.kernels.tiles import (
     PRIM,
@@ -197,6 +208,7 @@ def trace_listed(
     """
     scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
+    sight = Sight(stack_words(2))
     taped, per_path = tape.shape[0] > 0, np.int64(TAPE) * (setting.bounces + 1)
     for i in range(start, stop):
         view, y, x = np.int64(places[i, 0]), np.int64(places[i, 1]), np.int64(places[i, 2])
@@ -209,11 +221,13 @@ def trace_listed(
             hit = Hit(ZERO, barycentric[view, 0, y, x], barycentric[view, 1, y, x], np.int64(prim[view, 0, y, x]))
             surface, viewer = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction), scaled(direction, -ONE)
             albedo = albedo_of(world.geometry, surface)
+            forget(sight)
             for sample in range(samples):
                 place = (tape_first[i] + sample) * per_path if taped else np.int64(0)
                 first, second = trace_path(
                     world,
                     scratch,
+                    sight,
                     hit,
                     surface,
                     albedo,
@@ -301,6 +315,7 @@ def accumulate_all(
     scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
     world = open_world(nodes, blocks, geometry, lights)
     height, width, nowhere = total.shape[2], total.shape[3], stack_floats(1)
+    sight = Sight(stack_words(2))
     for i in range(start, stop):
         view, y, x = i // (height * width), i // width % height, i % width
         origin, direction = view_ray(views, view, np.float32(x) + HALF, np.float32(y) + HALF)
@@ -312,6 +327,7 @@ def accumulate_all(
                 if jittered:
                     shift_x, shift_y, _, _ = draw(setting.sampler, setting.seed, JITTER, y * width + x, view, sample, 0)
                     origin, direction = view_ray(views, view, np.float32(x) + shift_x, np.float32(y) + shift_y)
+                forget(sight)
                 hit = trace(world, scratch, origin, direction)
                 own = background(world, hit, direction)
                 if hit.prim >= 0:
@@ -322,7 +338,7 @@ def accumulate_all(
                 viewer = scaled(direction, -ONE)
                 pixel, tape = y * width + x, Tape(nowhere, False)
                 first, second = trace_path(
-                    world, scratch, hit, surface, albedo, viewer, setting, pixel, view, sample, tape
+                    world, scratch, sight, hit, surface, albedo, viewer, setting, pixel, view, sample, tape
                 )
                 value = added(added(first, second, ONE), own, ONE)
             total[view, 0, y, x] += value.x
