@@ -242,10 +242,10 @@ def trace_listed(
                 direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, item)
                 hit = Hit(ZERO, barycentric[view, 0, y, x], barycentric[view, 1, y, x], number)
                 surface = surface_at(world.geometry, number, hit.u, hit.v, direction)
-                albedo, origin = albedo_of(world.geometry, surface), count
+                origin = count
                 while sample < last:
                     path = path_of(batch, count)
-                    put_path(path, surface, scaled(direction, -ONE), albedo, origin, pixel, eye, sample)
+                    put_path(path, surface, scaled(direction, -ONE), origin, pixel, eye, sample)
                     items[count] = item
                     if on_tape.runs:
                         path.words[TAPED] = (tape_first[item] + sample) * per_path
@@ -344,7 +344,7 @@ def accumulate_all(
             view, y, x = item // (height * width), item // width % height, item % width
             pixel, origin = y * width + x, count
             origin_, direction = view_ray(views, view, np.float32(x) + HALF, np.float32(y) + HALF)
-            hit, own, albedo = Hit(INFINITY, ZERO, ZERO, MISS), BLACK, BLACK
+            hit, own = Hit(INFINITY, ZERO, ZERO, MISS), BLACK
             surface = surface_at(world.geometry, 0, ZERO, ZERO, direction)
             begin, last = sample, min(np.int64(last_sample), sample + PATHS - count)
             while sample < last:
@@ -356,10 +356,9 @@ def accumulate_all(
                     own, origin = background(world, hit, direction), count
                     if hit.prim >= 0:
                         surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
-                        albedo = albedo_of(world.geometry, surface)
                     else:
                         origin = MISS
-                put_path(path_of(batch, count), surface, scaled(direction, -ONE), albedo, origin, pixel, view, sample)
+                put_path(path_of(batch, count), surface, scaled(direction, -ONE), origin, pixel, view, sample)
                 write_three(owns, 3 * count, own)
                 items[count] = item
                 count, sample = count + 1, sample + 1

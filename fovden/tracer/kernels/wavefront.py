@@ -113,12 +113,9 @@ def surface_of(path: Batch) -> Surface:
 
 
 @inlined
-def put_path(
-    path: Batch, surface: Surface, viewer: Vector, albedo: Vector, origin: Int, pixel: Int, view: Int, number: Int
-) -> None:
+def put_path(path: Batch, surface: Surface, viewer: Vector, origin: Int, pixel: Int, view: Int, number: Int) -> None:
     """Begins a path at a surface, or, where the origin is -1, nowhere: then it finds nothing."""
     put_surface(path, surface, viewer)
-    write_three(path.numbers, ALBEDO, albedo)
     write_three(path.numbers, THROUGHPUT, Vector(ONE, ONE, ONE))
     write_three(path.numbers, DIRECT, BLACK)
     write_three(path.numbers, INDIRECT, BLACK)
@@ -239,8 +236,11 @@ def trace_paths(world: World, batch: Batch, count: Int, setting: Setting, tape: 
         for n in range(living):
             path = path_of(batch, alive[n])
             words, here, surface = path.words, tape_of(path, tape, vertex), surface_of(path)
-            if vertex > 0:
-                write_three(path.numbers, ALBEDO, albedo_of(world.geometry, surface))
+            if vertex > 0 or words[ORIGIN] == alive[n]:
+                albedo = albedo_of(world.geometry, surface)
+            else:
+                albedo = three(batch.numbers, NUMBERS * words[ORIGIN] + ALBEDO)
+            write_three(path.numbers, ALBEDO, albedo)
             pixel, view, number = words[PIXEL], words[VIEW], words[SAMPLE]
             x, y, z, fate = draw(setting.sampler, setting.seed, setting.stream, pixel, view, number, 2 * vertex)
             asked = ask_for_light(world, path, surface, Vector(x, y, z), vertex, is_last, here, shadows, asked)
