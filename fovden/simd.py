@@ -30,7 +30,9 @@ __all__ = [
     "pointer_to",
     "prefetch",
     "splat",
+    "stack_bytes",
     "stack_floats",
+    "stack_int32",
     "stack_words",
     "store",
     "store_int32",
@@ -316,6 +318,12 @@ stack_floats = _stack(types.float32, F32)
 
 stack_words = _stack(types.int64, I64)
 """``stack_words(n)``: n int64 on the stack, aligned to 64 bytes; n is a literal."""
+
+stack_int32 = _stack(types.int32, I32)
+"""``stack_int32(n)``: n int32 on the stack, aligned to 64 bytes; n is a literal."""
+
+stack_bytes = _stack(types.uint8, ir.IntType(8))
+"""``stack_bytes(n)``: n uint8 on the stack, aligned to 64 bytes; n is a literal."""
 
 
 @intrinsic

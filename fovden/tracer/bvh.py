@@ -322,7 +322,7 @@ def occluded(
         structure = decoded(*(part.to(origins.device) for part in bvh))
         return closest_hits(structure, *rays, any_hit=True, geometry=geometry)[3] >= 0
     blocked = torch.empty(count, dtype=torch.bool)
-    arrays = (tensor.numpy() for tensor in (*rays, blocked))
+    arrays = (tensor.numpy() for tensor in (*rays, blocked.view(torch.uint8)))
     parallel.run(streams.any_hits, count, (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
     return blocked.to(origins.device)
 

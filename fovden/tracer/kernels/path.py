@@ -1,4 +1,4 @@
-"""One path: light that is sampled at every surface, bounces between them, and light that a bounce runs into.
+"""What happens at one surface of a path: light that is sampled there, and light that the bounce from there runs into.
 
 At a surface one shadow ray goes to a light. A bounce may find the same light; then both count, weighted by the balance
 heuristic: each by its share of the two densities (Veach and Guibas, "Optimally combining sampling techniques", 1995).
@@ -6,6 +6,8 @@ After the last bounce there is no further one, so light sampling stands alone th
 which no bounce can find, are sampled alone everywhere. Nothing is counted twice, and nothing is left out.
 
 A path can be taped: what its value is made of, with the albedos apart from the numbers that do not depend on them.
+
+:mod:`fovden.tracer.kernels.wavefront` leads paths from surface to surface.
 """
 
 from __future__ import annotations
@@ -14,10 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fovden.jit import Float, Int, inlined, kernel
+from fovden.jit import Float, Int, inlined
 from fovden.simd import pointer_to
-from fovden.tracer.kernels.bsdf import evaluate, sample
-from fovden.tracer.kernels.draws import draw
+from fovden.tracer.kernels.bsdf import Bounce, evaluate
 from fovden.tracer.kernels.illumination import (
     Lights,
     LightTable,
@@ -27,23 +28,12 @@ from fovden.tracer.kernels.illumination import (
     sample_light,
     sky_density,
 )
-from fovden.tracer.kernels.surface import (
-    Geometry,
-    GeometryArrays,
-    Surface,
-    albedo_of,
-    emitted,
-    emitter_of,
-    geometry_pointers,
-    origin_above,
-    surface_at,
-)
-from fovden.tracer.kernels.traversal import Accelerator, Scratch, closest, is_occluded
-from fovden.tracer.kernels.vectors import Vector, added, dot, largest_component, product, scaled
+from fovden.tracer.kernels.surface import Geometry, GeometryArrays, Surface, emitted, emitter_of, geometry_pointers
+from fovden.tracer.kernels.traversal import Accelerator
+from fovden.tracer.kernels.vectors import Vector, dot, scaled
 
-ZERO, ONE, INFINITY = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
-SURVIVAL = np.float32(0.95)
-"""Greatest chance of a path to go on where it may end at random, as in Mitsuba 3: it also ends in white scenes."""
+ZERO, ONE = np.float32(0.0), np.float32(1.0)
+BLACK = Vector(ZERO, ZERO, ZERO)
 
 TAPE = 16
 """Numbers of a vertex on tape: PRIM, then its barycentric u and v; LIGHT, the row of the light that was sampled, and of
@@ -87,6 +77,19 @@ class Hit(NamedTuple):
     prim: Int
 
 
+class Lamp(NamedTuple):
+    """Light that a surface reflects if nothing lies on the way: colour * (white + albedo * coloured)."""
+
+    direction: Vector
+    distance: Float
+    colour: Vector
+    white: Float
+    coloured: Float
+    row: Int
+    shines: bool
+    is_fixed: bool  # whether the way is the same whenever this surface chooses this light
+
+
 @inlined
 def open_world(nodes: Any, blocks: Any, geometry: GeometryArrays, lights: LightTable) -> World:
     """Pointers to all of a scene's arrays."""
@@ -95,32 +98,14 @@ def open_world(nodes: Any, blocks: Any, geometry: GeometryArrays, lights: LightT
 
 
 @inlined
-def trace(world: World, scratch: Scratch, origin: Vector, direction: Vector) -> Hit:
-    """The first hit."""
-    o, d = origin, direction
-    t, u, v, prim = closest(world.accelerator, scratch, o.x, o.y, o.z, d.x, d.y, d.z, INFINITY)
-    return Hit(t, u, v, np.int64(prim))
-
-
-@inlined
 def coloured(albedo: Vector, white: Float, share: Float) -> Vector:
     """White + albedo * share: a reflectance by its two numbers."""
     return Vector(white + albedo.x * share, white + albedo.y * share, white + albedo.z * share)
 
 
-class Found(NamedTuple):
-    """Light that a surface reflects: colour * (white + albedo * coloured)."""
-
-    colour: Vector
-    white: Float
-    coloured: Float
-
-
 @inlined
-def sampled_light(
-    world: World, scratch: Scratch, surface: Surface, viewer: Vector, xi: Vector, alone: bool, tape: Tape, first: Int
-) -> Found:
-    """Light of one randomly chosen light that the surface reflects: its share of all the light there.
+def sampled_light(world: World, surface: Surface, viewer: Vector, xi: Vector, alone: bool) -> Lamp:
+    """One randomly chosen light: its share of all the light that the surface reflects.
 
     Where a bounce could find the light too and light sampling is not ``alone``, it is weighted accordingly.
     """
@@ -130,16 +115,9 @@ def sampled_light(
     if light.density > ZERO and not alone:
         scale *= light.density / (light.density + reflection.density)
     # The geometric normal guards against light that would pass through the back of the surface.
-    if scale > ZERO and dot(light.direction, surface.geometric) > ZERO:
-        o, d = origin_above(surface), light.direction
-        if not is_occluded(world.accelerator, scratch, o.x, o.y, o.z, d.x, d.y, d.z, light.distance):
-            white, share = scale * reflection.white, scale * reflection.coloured
-            if tape.runs:
-                tape.numbers[first + LIGHT] = np.float32(light.row)
-                tape.numbers[first + WHITE], tape.numbers[first + COLOURED] = white, share
-                write_three(tape.numbers, first + TO_LIGHT, d)
-            return Found(light.colour, white, share)
-    return Found(light.colour, ZERO, ZERO)
+    shines = scale > ZERO and dot(light.direction, surface.geometric) > ZERO
+    white, share = scale * reflection.white, scale * reflection.coloured
+    return Lamp(light.direction, light.distance, light.colour, white, share, light.row, shines, light.density == ZERO)
 
 
 @inlined
@@ -147,7 +125,7 @@ def met_light(
     world: World, surface: Surface, hit: Hit, direction: Vector, density: Float, tape: Tape, first: Int
 ) -> Vector:
     """Radiance of what a bounce ran into, weighted against light sampling; zero where that does not shine."""
-    colour, row, other = Vector(ZERO, ZERO, ZERO), np.int64(-1), ZERO
+    colour, row, other = BLACK, np.int64(-1), ZERO
     if hit.prim < 0:
         row = np.int64(world.lights.sky_row)
         if row >= 0:
@@ -175,7 +153,7 @@ def write_three(numbers: Any, start: Int, a: Vector) -> None:
 
 
 @inlined
-def begin_vertex(tape: Tape, first: Int, hit: Hit) -> None:
+def tape_vertex(tape: Tape, first: Int, hit: Hit) -> None:
     """Writes where a vertex is, and that nothing is known of its light yet."""
     for i in range(TAPE):
         tape.numbers[first + i] = ZERO
@@ -183,76 +161,16 @@ def begin_vertex(tape: Tape, first: Int, hit: Hit) -> None:
     tape.numbers[first + LIGHT], tape.numbers[first + MET] = -ONE, -ONE
 
 
-@kernel
-def trace_path(
-    world: World,
-    scratch: Scratch,
-    start: Hit,
-    surface: Surface,
-    albedo: Vector,
-    viewer: Vector,
-    setting: Setting,
-    pixel: Int,
-    view: Int,
-    number: Int,
-    tape: Tape,
-) -> tuple[Vector, Vector]:
-    """Direct and indirect light of one path from a surface to the viewer.
+@inlined
+def tape_light(tape: Tape, first: Int, row: Int, white: Float, share: Float, direction: Vector) -> None:
+    """Writes which light was sampled at a vertex, its share, and where it is."""
+    tape.numbers[first + LIGHT] = np.float32(row)
+    tape.numbers[first + WHITE], tape.numbers[first + COLOURED] = white, share
+    write_three(tape.numbers, first + TO_LIGHT, direction)
 
-    Vertex k draws the random numbers of block 2 k for its light, the fourth for Russian roulette, and those of block
-    2 k + 1 for its bounce.
 
-    Args:
-        world: The scene.
-        scratch: The thread's working memory.
-        start: The hit of the first surface.
-        surface: The first surface.
-        albedo: Its albedo.
-        viewer: Unit direction from there to the viewer.
-        setting: How paths are made.
-        pixel: Address of the random numbers, as are the next two.
-        view: View.
-        number: Sample.
-        tape: Where to write what the path is made of.
-    """
-    direct, indirect = Vector(ZERO, ZERO, ZERO), Vector(ZERO, ZERO, ZERO)
-    throughput, hit = Vector(ONE, ONE, ONE), start
-    seed, stream, sampler = setting.seed, setting.stream, setting.sampler
-    for vertex in range(setting.bounces + 1):
-        first, is_last = np.int64(TAPE) * vertex, vertex == setting.bounces
-        if tape.runs:
-            begin_vertex(tape, first, hit)
-        x, y, z, fate = draw(sampler, seed, stream, pixel, view, number, 2 * vertex)
-        light = sampled_light(world, scratch, surface, viewer, Vector(x, y, z), is_last, tape, first)
-        if vertex > 0:
-            albedo = albedo_of(world.geometry, surface)
-        reflected = product(light.colour, coloured(albedo, light.white, light.coloured))
-        found, goes_on = product(throughput, reflected), False
-        if not is_last:
-            x, y, z, _ = draw(sampler, seed, stream, pixel, view, number, 2 * vertex + 1)
-            bounce = sample(surface, viewer, x, y, z)
-            goes_on = bounce.density > ZERO and dot(bounce.direction, surface.geometric) > ZERO
-            survival = ONE
-            if vertex + 1 >= setting.roulette:
-                weighted = product(throughput, coloured(albedo, bounce.white, bounce.coloured))
-                survival = min(SURVIVAL, largest_component(weighted))
-                goes_on = goes_on and fate < survival
-            if goes_on:
-                white, share = bounce.white / survival, bounce.coloured / survival
-                throughput = product(throughput, coloured(albedo, white, share))
-                hit = trace(world, scratch, origin_above(surface), bounce.direction)
-                if tape.runs:
-                    tape.numbers[first + BOUNCE_WHITE], tape.numbers[first + BOUNCE_COLOURED] = white, share
-                    write_three(tape.numbers, first + TO_BOUNCE, bounce.direction)
-                met = met_light(world, surface, hit, bounce.direction, bounce.density, tape, first)
-                found = added(found, product(throughput, met), ONE)
-                if hit.prim >= 0:
-                    viewer = scaled(bounce.direction, -ONE)
-                    surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, bounce.direction)
-        if vertex == 0:
-            direct = found
-        else:
-            indirect = added(indirect, found, ONE)
-        if not goes_on or hit.prim < 0:
-            break
-    return direct, indirect
+@inlined
+def tape_bounce(tape: Tape, first: Int, white: Float, share: Float, bounce: Bounce) -> None:
+    """Writes the weight of a bounce, and where it goes."""
+    tape.numbers[first + BOUNCE_WHITE], tape.numbers[first + BOUNCE_COLOURED] = white, share
+    write_three(tape.numbers, first + TO_BOUNCE, bounce.direction)

@@ -8,13 +8,13 @@ import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
 from fovden.rng import Stream
-from fovden.simd import advanced, load_int32, pointer_to, stack_floats, stack_words
+from fovden.simd import load_int32, pointer_to, stack_floats, stack_words
 from fovden.tracer.kernels.bsdf import gbuffer_roughness
 from fovden.tracer.kernels.draws import draw
 from fovden.tracer.kernels.illumination import LightTable, environment_radiance
 from fovden.tracer.kernels.layout import SCRATCH_SIZE, STACK_SIZE
-from fovden.tracer.kernels.path import TAPE, Hit, Setting, Tape, World, open_world, trace, trace_path
-from fovden.tracer.kernels.surface import GeometryArrays, albedo_of, emitted, surface_at
+from fovden.tracer.kernels.path import BLACK, TAPE, Hit, Setting, Tape, World, open_world, tape_vertex, write_three
+from fovden.tracer.kernels.surface import GeometryArrays, albedo_of, emitted, surface_at, three
 from fovden.tracer.kernels.tiles import (
     PRIM,
     RAYS,
@@ -27,14 +27,28 @@ from fovden.tracer.kernels.tiles import (
     direction_of,
     put_direction,
 )
-from fovden.tracer.kernels.traversal import Scratch
+from fovden.tracer.kernels.traversal import Scratch, closest
 from fovden.tracer.kernels.vectors import Vector, added, dot, luminance, normalised, scaled
+from fovden.tracer.kernels.wavefront import (
+    DIRECT,
+    INDIRECT,
+    NUMBERS_OF_ALL,
+    PATHS,
+    SAMPLE,
+    TAPED,
+    THREE_OF_ALL,
+    WORDS_OF_ALL,
+    Batch,
+    path_of,
+    put_path,
+    tape_of,
+    trace_paths,
+)
 
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 INFINITY = np.float32(np.inf)
 MISS = np.int64(-1)
 JITTER = int(Stream.JITTER)
-BLACK = Vector(ZERO, ZERO, ZERO)
 
 
 class Views(NamedTuple):
@@ -66,6 +80,14 @@ def listed_direction(
         return Vector(directions[i, 0], directions[i, 1], directions[i, 2])
     x, y = np.float32(coordinates[i, 2]) + jitter_x, np.float32(coordinates[i, 1]) + jitter_y
     return view_ray(views, np.int64(coordinates[i, 0]), x, y)[1]
+
+
+@inlined
+def trace(world: World, scratch: Scratch, origin: Vector, direction: Vector) -> Hit:
+    """The first hit."""
+    o, d = origin, direction
+    t, u, v, prim = closest(world.accelerator, scratch, o.x, o.y, o.z, d.x, d.y, d.z, INFINITY)
+    return Hit(t, u, v, np.int64(prim))
 
 
 @inlined
@@ -195,45 +217,57 @@ def trace_listed(
         tape: Receives what the paths are made of, (all samples, bounces + 1, TAPE); empty where it does not matter.
         tape_first: First sample of each of the listed pixels on tape, (k).
     """
-    scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
-    world = open_world(nodes, blocks, geometry, lights)
-    taped, per_path = tape.shape[0] > 0, np.int64(TAPE) * (setting.bounces + 1)
-    for i in range(start, stop):
-        view, y, x = np.int64(places[i, 0]), np.int64(places[i, 1]), np.int64(places[i, 2])
-        eye, pixel = np.int64(coordinates[i, 0]), np.int64(coordinates[i, 1]) * width + np.int64(coordinates[i, 2])
-        own = Vector(emission[view, 0, y, x], emission[view, 1, y, x], emission[view, 2, y, x])
-        direct_sum, indirect_sum, square_sum = BLACK, BLACK, ZERO
-        samples = counts[i]
-        if prim[view, 0, y, x] >= 0 and samples > 0:
-            direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, i)
-            hit = Hit(ZERO, barycentric[view, 0, y, x], barycentric[view, 1, y, x], np.int64(prim[view, 0, y, x]))
-            surface, viewer = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction), scaled(direction, -ONE)
-            albedo = albedo_of(world.geometry, surface)
-            for sample in range(samples):
-                place = (tape_first[i] + sample) * per_path if taped else np.int64(0)
-                first, second = trace_path(
-                    world,
-                    scratch,
-                    hit,
-                    surface,
-                    albedo,
-                    viewer,
-                    setting,
-                    pixel,
-                    eye,
-                    sample,
-                    Tape(advanced(pointer_to(tape), place), taped),
+    world, batch = (
+        open_world(nodes, blocks, geometry, lights),
+        Batch(stack_floats(NUMBERS_OF_ALL), stack_words(WORDS_OF_ALL)),
+    )
+    items, on_tape = stack_words(PATHS), Tape(pointer_to(tape), tape.shape[0] > 0)
+    per_path = np.int64(TAPE) * (setting.bounces + 1)
+    item, sample = np.int64(start), np.int64(0)
+    direct_sum, indirect_sum, square_sum = BLACK, BLACK, ZERO
+    while item < stop:
+        count = np.int64(0)
+        while item < stop and count < PATHS:
+            view, y, x = np.int64(places[item, 0]), np.int64(places[item, 1]), np.int64(places[item, 2])
+            samples, number = np.int64(counts[item]), np.int64(prim[view, 0, y, x])
+            if number < 0 and samples > 0:
+                shine = luminance(Vector(emission[view, 0, y, x], emission[view, 1, y, x], emission[view, 2, y, x]))
+                luminance_squared[view, 0, y, x] = shine * shine
+            last = min(samples, sample + PATHS - count) if number >= 0 else sample
+            if sample < last:
+                eye, pixel = (
+                    np.int64(coordinates[item, 0]),
+                    np.int64(coordinates[item, 1]) * width + np.int64(coordinates[item, 2]),
                 )
-                direct_sum = added(direct_sum, first, ONE)
-                indirect_sum = added(indirect_sum, second, ONE)
-                total = luminance(added(added(first, second, ONE), own, ONE))
-                square_sum += total * total
-        else:
-            square_sum = luminance(own) * luminance(own) * np.float32(samples)
-        share = ONE / np.float32(max(samples, 1))
-        write(direct, view, y, x, scaled(direct_sum, share))
-        write(indirect, view, y, x, scaled(indirect_sum, share))
-        luminance_squared[view, 0, y, x] = square_sum * share
+                direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, item)
+                hit = Hit(ZERO, barycentric[view, 0, y, x], barycentric[view, 1, y, x], number)
+                surface = surface_at(world.geometry, number, hit.u, hit.v, direction)
+                origin = count
+                while sample < last:
+                    path = path_of(batch, count)
+                    put_path(path, surface, scaled(direction, -ONE), origin, pixel, eye, sample)
+                    items[count] = item
+                    if on_tape.runs:
+                        path.words[TAPED] = (tape_first[item] + sample) * per_path
+                        tape_vertex(tape_of(path, on_tape, 0), np.int64(0), hit)
+                    count, sample = count + 1, sample + 1
+            if number < 0 or sample >= samples:
+                item, sample = item + 1, np.int64(0)
+        trace_paths(world, batch, count, setting, on_tape)
+        for n in range(count):
+            path, i = path_of(batch, n), items[n]
+            view, y, x = np.int64(places[i, 0]), np.int64(places[i, 1]), np.int64(places[i, 2])
+            own = Vector(emission[view, 0, y, x], emission[view, 1, y, x], emission[view, 2, y, x])
+            first, second = three(path.numbers, DIRECT), three(path.numbers, INDIRECT)
+            direct_sum, indirect_sum = added(direct_sum, first, ONE), added(indirect_sum, second, ONE)
+            total = luminance(added(added(first, second, ONE), own, ONE))
+            square_sum += total * total
+            if path.words[SAMPLE] == counts[i] - 1:
+                share = ONE / np.float32(counts[i])
+                write(direct, view, y, x, scaled(direct_sum, share))
+                write(indirect, view, y, x, scaled(indirect_sum, share))
+                luminance_squared[view, 0, y, x] = square_sum * share
+                direct_sum, indirect_sum, square_sum = BLACK, BLACK, ZERO
 
 
 @kernel
@@ -299,32 +333,44 @@ def accumulate_all(
         squares: Sums of its squares, float64, (v, 3, h, w).
     """
     scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
-    world = open_world(nodes, blocks, geometry, lights)
-    height, width, nowhere = total.shape[2], total.shape[3], stack_floats(1)
-    for i in range(start, stop):
-        view, y, x = i // (height * width), i // width % height, i % width
-        origin, direction = view_ray(views, view, np.float32(x) + HALF, np.float32(y) + HALF)
-        hit = Hit(INFINITY, ZERO, ZERO, MISS)
-        surface = surface_at(world.geometry, 0, ZERO, ZERO, direction)
-        albedo, own = BLACK, BLACK
-        for sample in range(first_sample, last_sample):
-            if jittered or sample == first_sample:
-                if jittered:
-                    shift_x, shift_y, _, _ = draw(setting.sampler, setting.seed, JITTER, y * width + x, view, sample, 0)
-                    origin, direction = view_ray(views, view, np.float32(x) + shift_x, np.float32(y) + shift_y)
-                hit = trace(world, scratch, origin, direction)
-                own = background(world, hit, direction)
-                if hit.prim >= 0:
-                    surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
-                    albedo = albedo_of(world.geometry, surface)
-            value = own
-            if hit.prim >= 0:
-                viewer = scaled(direction, -ONE)
-                pixel, tape = y * width + x, Tape(nowhere, False)
-                first, second = trace_path(
-                    world, scratch, hit, surface, albedo, viewer, setting, pixel, view, sample, tape
-                )
-                value = added(added(first, second, ONE), own, ONE)
+    batch, owns = Batch(stack_floats(NUMBERS_OF_ALL), stack_words(WORDS_OF_ALL)), stack_floats(THREE_OF_ALL)
+    world, tape = open_world(nodes, blocks, geometry, lights), Tape(batch.numbers, False)
+    height, width = np.int64(total.shape[2]), np.int64(total.shape[3])
+    item, sample = np.int64(start), np.int64(first_sample)
+    items = stack_words(PATHS)
+    while item < stop:
+        count = np.int64(0)
+        while item < stop and count < PATHS:
+            view, y, x = item // (height * width), item // width % height, item % width
+            pixel, origin = y * width + x, count
+            origin_, direction = view_ray(views, view, np.float32(x) + HALF, np.float32(y) + HALF)
+            hit, own = Hit(INFINITY, ZERO, ZERO, MISS), BLACK
+            surface = surface_at(world.geometry, 0, ZERO, ZERO, direction)
+            begin, last = sample, min(np.int64(last_sample), sample + PATHS - count)
+            while sample < last:
+                if jittered or sample == begin:
+                    if jittered:
+                        shift_x, shift_y, _, _ = draw(setting.sampler, setting.seed, JITTER, pixel, view, sample, 0)
+                        origin_, direction = view_ray(views, view, np.float32(x) + shift_x, np.float32(y) + shift_y)
+                    hit = trace(world, scratch, origin_, direction)
+                    own, origin = background(world, hit, direction), count
+                    if hit.prim >= 0:
+                        surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
+                    else:
+                        origin = MISS
+                put_path(path_of(batch, count), surface, scaled(direction, -ONE), origin, pixel, view, sample)
+                write_three(owns, 3 * count, own)
+                items[count] = item
+                count, sample = count + 1, sample + 1
+            if sample >= last_sample:
+                item, sample = item + 1, np.int64(first_sample)
+        trace_paths(world, batch, count, setting, tape)
+        for n in range(count):
+            path, i = path_of(batch, n), items[n]
+            view, y, x = i // (height * width), i // width % height, i % width
+            value = added(
+                added(three(path.numbers, DIRECT), three(path.numbers, INDIRECT), ONE), three(owns, 3 * n), ONE
+            )
             total[view, 0, y, x] += value.x
             total[view, 1, y, x] += value.y
             total[view, 2, y, x] += value.z

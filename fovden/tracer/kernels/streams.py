@@ -27,7 +27,7 @@ from fovden.tracer.kernels.layout import (
     STACK_SIZE,
     WIDTH,
 )
-from fovden.tracer.kernels.rays import INFINITY, MISS, ZERO, is_traceable, prepare
+from fovden.tracer.kernels.rays import ZERO, is_traceable, prepare
 from fovden.tracer.kernels.surface import GeometryArrays, geometry_pointers
 from fovden.tracer.kernels.traversal import Accelerator, any_solid, found, keep_nearest
 from fovden.tracer.kernels.triangles import hit_triangles
@@ -57,15 +57,24 @@ class Rays(NamedTuple):
     t_max: Any
 
 
+class Hits(NamedTuple):
+    """Pointers to what rays meet: t, u, v (n), and the triangle, int32 (n)."""
+
+    t: Any
+    u: Any
+    v: Any
+    prim: Any
+
+
 @inlined
-def start_ray(rays: Rays, item: Int, slots: Slots, slot: Int) -> bool:
-    """Puts a ray into a slot, if it can be traced."""
+def start_ray(rays: Rays, item: Int, slots: Slots, slot: Int) -> None:
+    """Puts a ray into a slot; one that cannot be traced becomes so short that it misses everything."""
     k = 3 * item
     ox, oy, oz = rays.origins[k], rays.origins[k + 1], rays.origins[k + 2]
     dx, dy, dz = rays.directions[k], rays.directions[k + 1], rays.directions[k + 2]
     slots.words[ITEM + slot], slots.words[TOP + slot], slots.words[CODE + slot] = item, 0, 0
-    prepare(advanced(slots.rays, RAY_SIZE * slot), ox, oy, oz, dx, dy, dz, rays.t_max[item])
-    return is_traceable(ox, oy, oz, dx, dy, dz)
+    t_max = rays.t_max[item] if is_traceable(ox, oy, oz, dx, dy, dz) else ZERO
+    prepare(advanced(slots.rays, RAY_SIZE * slot), ox, oy, oz, dx, dy, dz, t_max)
 
 
 @inlined
@@ -78,6 +87,27 @@ def move_slot(slots: Slots, source: Int, target: Int) -> None:
         store_int32(slots.stacks, STACK_SIZE * target + k, load_int32(slots.stacks, STACK_SIZE * source + k))
     for field in (TOP, CODE, ITEM):
         slots.words[field + target] = slots.words[field + source]
+
+
+@kernel
+def refill(rays: Rays, stop: Int, slots: Slots, item: Int, active: Int) -> tuple[Int, Int]:
+    """Gives the slots that are done, and those not yet used, the next rays; the last slots move down if there are none.
+
+    Returns the number of the next ray, and how many slots are in use.
+    """
+    slot = np.int64(0)
+    while slot < active or (slot < SLOTS and item < stop):
+        if slot < active and slots.words[CODE + slot] != DONE:
+            slot += 1
+        elif item < stop:
+            start_ray(rays, item, slots, slot)
+            item, slot = item + 1, slot + 1
+            active = max(active, slot)
+        else:
+            active -= 1
+            if slot < active:
+                move_slot(slots, active, slot)
+    return item, active
 
 
 @inlined
@@ -141,6 +171,54 @@ def any_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
 
 
 @kernel
+def walk_closest(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, hits: Hits) -> None:
+    """Writes the first hit of each of the rays start .. stop - 1."""
+    slots = Slots(
+        stack_floats(ALL_RAYS),
+        stack_floats(ALL_STACKS),
+        stack_floats(ALL_STACKS),
+        stack_floats(ALL_RESULTS),
+        stack_words(ALL_WORDS),
+    )
+    item, active = refill(rays, stop, slots, start, np.int64(0))
+    while active > 0:
+        ended = False
+        while not ended:
+            for slot in range(active):
+                closest_step(accelerator, slots, slot)
+            for slot in range(active):
+                if next_step(accelerator, slots, slot):
+                    k, ended = slots.words[ITEM + slot], True
+                    hits.t[k], hits.u[k], hits.v[k], hits.prim[k] = found(advanced(slots.rays, RAY_SIZE * slot))
+        item, active = refill(rays, stop, slots, item, active)
+
+
+@kernel
+def walk_any(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, occluded: Any) -> None:
+    """Writes whether anything lies on each of the rays start .. stop - 1: 1, or 0."""
+    slots = Slots(
+        stack_floats(ALL_RAYS),
+        stack_floats(ALL_STACKS),
+        stack_floats(ALL_STACKS),
+        stack_floats(ALL_RESULTS),
+        stack_words(ALL_WORDS),
+    )
+    for k in range(start, stop):
+        occluded[k] = 0
+    item, active = refill(rays, stop, slots, start, np.int64(0))
+    while active > 0:
+        ended = False
+        while not ended:
+            for slot in range(active):
+                if any_step(accelerator, slots, slot):
+                    occluded[slots.words[ITEM + slot]] = 1
+                    slots.words[TOP + slot] = 0
+            for slot in range(active):
+                ended |= next_step(accelerator, slots, slot)
+        item, active = refill(rays, stop, slots, item, active)
+
+
+@kernel
 def closest_hits(
     start: Int,
     stop: Int,
@@ -156,49 +234,11 @@ def closest_hits(
     v: Any,
     prim: Any,
 ) -> None:
-    """Writes the first hit of each of the rays start .. stop - 1."""
+    """Writes the first hit of each of the rays start .. stop - 1 of arrays."""
     accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks), geometry_pointers(geometry), holes)
     rays = Rays(pointer_to(origins), pointer_to(directions), pointer_to(t_max))
-    slots = Slots(
-        stack_floats(ALL_RAYS),
-        stack_floats(ALL_STACKS),
-        stack_floats(ALL_STACKS),
-        stack_floats(ALL_RESULTS),
-        stack_words(ALL_WORDS),
-    )
-    item, active = start, 0
-    while True:
-        # Slots that are done, and those not yet used, get the next rays; the last slots move down where there is none.
-        slot = 0
-        while slot < active or (slot < SLOTS and item < stop):
-            if slot < active and slots.words[CODE + slot] != DONE:
-                slot += 1
-                continue
-            if slot < active:
-                done = slots.words[ITEM + slot]
-                t[done], u[done], v[done], prim[done] = found(advanced(slots.rays, RAY_SIZE * slot))
-            else:
-                active += 1
-            fresh = False
-            while item < stop and not fresh:
-                fresh = start_ray(rays, item, slots, slot)
-                if not fresh:
-                    t[item], u[item], v[item], prim[item] = INFINITY, ZERO, ZERO, MISS
-                item += 1
-            if fresh:
-                slot += 1
-            else:
-                active -= 1
-                if slot < active:
-                    move_slot(slots, active, slot)
-        if active == 0:
-            return
-        ended = False
-        while not ended:
-            for slot in range(active):
-                closest_step(accelerator, slots, slot)
-            for slot in range(active):
-                ended |= next_step(accelerator, slots, slot)
+    hits = Hits(pointer_to(t), pointer_to(u), pointer_to(v), pointer_to(prim))
+    walk_closest(accelerator, rays, start, stop, hits)
 
 
 @kernel
@@ -214,43 +254,7 @@ def any_hits(
     t_max: Any,
     occluded: Any,
 ) -> None:
-    """Writes whether anything lies on each of the rays start .. stop - 1."""
+    """Writes whether anything lies on each of the rays start .. stop - 1 of arrays, as bytes."""
     accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks), geometry_pointers(geometry), holes)
     rays = Rays(pointer_to(origins), pointer_to(directions), pointer_to(t_max))
-    slots = Slots(
-        stack_floats(ALL_RAYS),
-        stack_floats(ALL_STACKS),
-        stack_floats(ALL_STACKS),
-        stack_floats(ALL_RESULTS),
-        stack_words(ALL_WORDS),
-    )
-    item, active = start, 0
-    while True:
-        slot = 0
-        while slot < active or (slot < SLOTS and item < stop):
-            if slot < active and slots.words[CODE + slot] != DONE:
-                slot += 1
-                continue
-            if slot == active:
-                active += 1
-            fresh = False
-            while item < stop and not fresh:
-                fresh = start_ray(rays, item, slots, slot)
-                occluded[item] = False
-                item += 1
-            if fresh:
-                slot += 1
-            else:
-                active -= 1
-                if slot < active:
-                    move_slot(slots, active, slot)
-        if active == 0:
-            return
-        ended = False
-        while not ended:
-            for slot in range(active):
-                if any_step(accelerator, slots, slot):
-                    occluded[slots.words[ITEM + slot]] = True
-                    slots.words[TOP + slot] = 0
-            for slot in range(active):
-                ended |= next_step(accelerator, slots, slot)
+    walk_any(accelerator, rays, start, stop, pointer_to(occluded))
