@@ -78,7 +78,7 @@ class Inputs:
             >>> flat, row, mask = torch.zeros(1, 3, 4, 4), torch.ones(1, 3), torch.ones(1, 1, 4, 4)
             >>> inputs = Inputs(flat, flat, flat, mask, None, None, row, None, None, (1,), (0,), (0,), False)
             >>> passes, _ = inputs.arrays()
-            >>> float(passes.taps[0, 12]) == np.log2(np.float32(9 / 64))
+            >>> bool(passes.taps[0, 12] == np.log2(np.float32(9 / 64)))
             True
         """
         count, plane = len(self.steps), self.mask

@@ -189,7 +189,7 @@ def leave(
         put_ray(rays, k, origin_above(surface), bounce.direction, INFINITY)
         if tape.runs:
             tape_bounce(tape, np.int64(0), white, share, bounce)
-    return goes_on
+    return bool(goes_on)
 
 
 @inlined
