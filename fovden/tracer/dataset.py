@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Sequence as Items
 from dataclasses import dataclass, replace
@@ -93,7 +94,9 @@ class FrameDataset(Dataset[Item]):
         index %= len(self)
         number = index % len(self.sequence)
         previous = self.sequence[number - 1] if number > 0 else None
+        # Copies: a worker moves the tensors of an item to shared memory, while the next one is being made from these.
         scene, camera, gaze = self.sequence[number]
+        camera, gaze = copy.deepcopy((camera, gaze))
         samples: SampleMap | int = self.spp
         if self.falloff is not None:
             samples = sample_map(self.falloff, camera, gaze, self.spp, self.seed, index=index)

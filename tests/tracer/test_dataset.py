@@ -73,6 +73,28 @@ def test_items_are_frames_and_references_of_the_sequence():
             dataset[index]
 
 
+def storages(value, seen):
+    """Addresses of the memory of all tensors that can be reached from a value."""
+    if id(value) in seen:
+        return set()
+    seen[id(value)] = value
+    if isinstance(value, torch.Tensor):
+        return {value.untyped_storage().data_ptr()} if value.numel() else set()
+    parts = value if isinstance(value, tuple | list) else getattr(value, "__dict__", {}).values()
+    return set().union(*(storages(part, seen) for part in parts))
+
+
+def test_items_share_no_memory_with_the_data_set_or_each_other():
+    """A worker moves what it sends to shared memory, and frees it, while it makes the next item from the rest."""
+    dataset = FrameDataset(sequence(), ThreeLayer(r0=2, r1=4), spp=1, reference_spp=1)
+    items = [dataset[index] for index in range(2)]
+    own, found = storages(dataset, {}), [storages(item, {}) for item in items]
+    assert len(own) > 5
+    assert len(found[0]) > 15
+    assert not found[0] & own
+    assert not found[0] & found[1]
+
+
 def test_draws_share_the_reference_and_nothing_random():
     dataset = FrameDataset(sequence(), ThreeLayer(r0=1, r1=2), spp=1, draws=2, reference_spp=2)
     one, other = dataset[1], dataset[4]
