@@ -50,7 +50,7 @@ __all__ = [
 RESULTS = Path(__file__).parent / "results"
 ROUNDS, FEWEST_ROUNDS = 7, 5
 PICTURE_DPI = 160
-PEERS = ("open3d", "embreex", "mitsuba", "drjit", "flip-evaluator")
+PEERS = ("open3d", "embreex", "mitsuba", "drjit", "flip-evaluator", "kornia", "opencv-contrib-python-headless")
 
 Times = dict[str, list[float]]
 """Seconds of every round: ``"wall"``, and ``"cpu"`` of all threads together."""
@@ -154,7 +154,8 @@ def machine(data: Data) -> str:
 
 
 def _save(path: Path, name: str, arguments: Sequence[str], options: argparse.Namespace, results: list[Any]) -> None:
-    versions = {peer: metadata.version(peer) for peer in PEERS if find_spec(peer.replace("-", "_")) is not None}
+    installed = {distribution.metadata["Name"] for distribution in metadata.distributions()}
+    versions = {peer: metadata.version(peer) for peer in PEERS if peer in installed}
     origin = provenance() | {"command": ["python", "-m", f"benchmarks.{name}", *arguments], "cores": threads()}
     origin["versions"] |= versions
     origin["load"] = options.load

@@ -17,7 +17,7 @@ from benchmarks import harness
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = sorted(harness.RESULTS.glob("*.json"))
 SMALL = ["--quick", "--resolution", "12", "16"]
-NAMES = ["rays", "frame", "build", "growth", "cold_start", "flip"]
+NAMES = ["rays", "frame", "build", "growth", "cold_start", "flip", "atrous"]
 
 
 @pytest.fixture
@@ -97,6 +97,17 @@ def test_growth_is_measured_and_drawn(run, tmp_path):
     assert [each["resolution"] for each in results if each["kind"] == "frame"] == [[8, 8], [12, 12]]
     assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")
     assert "12 x 12" in printed
+
+
+def test_filters_are_measured_beside_their_peers(run):
+    results, printed = run("atrous", "--quick", "--resolution", "24", "32")
+    kinds = [each["kind"] for each in results]
+    assert kinds.count("memory") == 4
+    assert next(each["flops"] for each in results if each["kind"] == "peak") > 1e9
+    beside = next(each for each in results if each["kind"] == "one level beside kornia")
+    assert beside["pixels"] == 2 * 24 * 32
+    assert "five levels, forwards" in printed
+    assert "share of the peak" in printed
 
 
 def test_a_warm_start_compiles_nothing(run):
