@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import resource
 import statistics
 import sys
 from collections.abc import Callable, Sequence
@@ -30,7 +29,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from benchmarks import harness
+from benchmarks import harness, memory
 from benchmarks.fma import peak
 from benchmarks.harness import Table, alternate, available, compared, positive, say
 from fovden.filters import Atrous, NonHomogeneousAtrous
@@ -144,7 +143,11 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
             peers = {"eager": both_ways(on, steps, compose, on.full, everything)}
             add(f"{name}, both ways, {which}", on, 25 * len(steps), own, peers)
     add("one level, both ways, masked", images, 25, both_ways(images, (1,), run_passes, images.sampled, True), {})
-    levels = {"Base": NonHomogeneousAtrous.base(), "NH3LD": NonHomogeneousAtrous.nh3ld()}
+    wide = {
+        "sigma_normal": 2.0,
+        "sigma_position": 2.0,
+    }  # random guides are like nothing else, and leave no holes with it
+    levels = {"Base": NonHomogeneousAtrous.base(**wide), "NH3LD": NonHomogeneousAtrous.nh3ld(**wide)}
     calls = {name: _denoise(images, denoiser) for name, denoiser in levels.items()}
     say("NH3LD and Base")
     times = alternate({"fovden": calls["NH3LD"], "Base": calls["Base"]}, options.rounds)
@@ -157,11 +160,12 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
         add(f"one level beside {name}", images, 25, forwards(images, (1,), run_passes), {name: call})
         results[-1]["peer_taps"] = count
     results.append({"kind": "peak", "flops": peak(threads), "threads": threads})
-    results += [
-        {"kind": "memory", "side": side, "gradients": gradients, "bytes": growth(side, gradients, height, width)}
-        for side in ("fovden", "eager")
-        for gradients in (False, True)
-    ]
+    if memory.is_known():
+        results += [
+            {"kind": "memory", "side": side, "gradients": gradients, "bytes": growth(side, gradients, height, width)}
+            for side in ("fovden", "eager")
+            for gradients in (False, True)
+        ]
     return results
 
 
@@ -182,9 +186,10 @@ def _grow(side: str, gradients: bool, height: int, width: int) -> int:
 
     call(Images(2, 16, 16))  # loads what code there is
     images = Images(2, height, width)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = memory.settled()
+    memory.forget_peak()
     call(images)
-    return 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    return memory.peak() - before
 
 
 def _denoise(images: Images, denoiser: NonHomogeneousAtrous | Atrous) -> Call:

@@ -16,8 +16,6 @@ and faces are counted where a library keeps copies of them, as Embree does. With
 from __future__ import annotations
 
 import argparse
-import ctypes
-import gc
 import multiprocessing
 import statistics
 import sys
@@ -28,13 +26,11 @@ from typing import Any
 
 import torch
 
-from benchmarks import harness
+from benchmarks import harness, memory
 from benchmarks.harness import Table, alternate, available, compared, say
 from benchmarks.peers import PEERS, Fovden
 from benchmarks.scenes import add_scene_options, load_named, opaque
 from fovden.tracer import Bvh, Scene, build_bvh, make_scene
-
-STATUS = Path("/proc/self/status")
 
 
 def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
@@ -48,11 +44,11 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
         calls = {"fovden": lambda s=scene: build_bvh(s.vertices, s.faces)}
         calls |= {peer: lambda s=scene, peer=peer: PEERS[peer](s) for peer in peers}
         times = alternate(calls, options.rounds)
-        memory = {side: None if options.quick else growth(scene, side, threads) for side in ("fovden", *peers)}
+        grown = {side: None if options.quick else growth(scene, side, threads) for side in ("fovden", *peers)}
         bvh = build_bvh(scene.vertices, scene.faces)
         results.append({
             "scene": scene.name, "triangles": scene.triangle_count, "threads": threads,
-            "structure": size(bvh), "memory": memory, "times": times,
+            "structure": size(bvh), "memory": grown, "times": times,
         })  # fmt: skip
     return results
 
@@ -64,7 +60,7 @@ def size(bvh: Bvh) -> int:
 
 def growth(scene: Scene, side: str, threads: int) -> dict[str, int] | None:
     """Returns by how many bytes a new process grew, ``"kept"`` and ``"peak"``; ``None`` where nobody knows."""
-    if not STATUS.is_file() or not hasattr(ctypes.CDLL(None), "malloc_trim"):
+    if not memory.is_known():
         return None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "mesh.pt")
@@ -82,23 +78,11 @@ def _grow(path: str, side: str, threads: int) -> dict[str, int]:
         return Fovden(scene, threads) if side == "fovden" else PEERS[side](scene)
 
     kept = [build(small)]
-    before = _settled()
-    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the peak counts from here
+    before = memory.settled()
+    memory.forget_peak()
     kept.append(build(mesh))
-    peak = _resident("VmHWM")
-    return {"kept": _settled() - before, "peak": peak - before}
-
-
-def _settled() -> int:
-    """What the process holds once all that it has freed is given back to the system."""
-    gc.collect()
-    ctypes.CDLL(None).malloc_trim(0)
-    return _resident("VmRSS")
-
-
-def _resident(name: str) -> int:
-    line = next(line for line in STATUS.read_text(encoding="ascii").splitlines() if line.startswith(name))
-    return 1024 * int(line.split()[1])
+    peak = memory.peak()
+    return {"kept": memory.settled() - before, "peak": peak - before}
 
 
 def tables(data: harness.Data) -> list[Table]:

@@ -197,7 +197,7 @@ def return_gradients(
         >>> round(return_gradients(one, blend_stack(one, save=True), flat + 1).radiance.sum().item(), 4)
         48.0
     """
-    light = inputs.radiance.new_zeros(1, 4, *inputs.radiance.shape[2:])
+    light = inputs.radiance.new_empty(1, 4, *inputs.radiance.shape[2:])
     planes = [light.new_empty(1, 3, *light.shape[2:]) for _ in range(2)]  # most often nobody writes there
     scratch = Shares(light, planes[0], differ=False)
     radiance = gradient.clone(memory_format=torch.contiguous_format)
@@ -250,7 +250,8 @@ def _walk_back(
     is_ours = False  # the image: to be written to
     for number in reversed(range(len(levels))):
         level, own = levels[number], _array(tape[number])
-        if number + 1 == len(levels) or levels[number + 1].chosen is not level.chosen:
+        last = number + 1 == len(levels)
+        if not level.is_whole and (last or levels[number + 1].chosen is not level.chosen):
             scratch.light.zero_()
         if not level.is_whole and not is_ours:
             image, is_ours = image[:, :3].clone(), True

@@ -100,10 +100,12 @@ def _remember(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, ...]) -> 
     ctx.save_for_backward(*inputs[:9], output[0], output[3])
     ctx.numbers = inputs[9:13]
     ctx.mark_non_differentiable(output[1], output[3])
+    ctx.set_materialize_grads(False)  # the tape would get zeros of its own size
 
 
-def _backward(ctx: Any, gradient: Tensor, _: Any, mask_gradient: Tensor | None, __: Any) -> tuple[Any, ...]:
+def _backward(ctx: Any, gradient: Tensor | None, _: Any, mask_gradient: Tensor | None, __: Any) -> tuple[Any, ...]:
     *tensors, image, tape = ctx.saved_tensors
+    gradient = torch.zeros_like(image) if gradient is None else gradient
     everything = any(ctx.needs_input_grad[1:4])
     fill = ctx.numbers[3]
     returned = _StackBackward.apply(  # type: ignore[no-untyped-call]
