@@ -321,17 +321,17 @@ def _levels(inputs: Inputs) -> Iterator[_Level]:
     if inputs.region is not None:
         labels = _array(inputs.region).reshape(-1, width)
         run(mark_blocks, len(labels), (labels, marks), tile=64)
-    chosen: dict[tuple[int, ...], Any] = {}
+    found: dict[tuple[int, ...], Any] = {}
     for _, group in groupby(range(len(inputs.steps)), lambda number: inputs.levels[number]):
         members = list(group)
         labels_ = tuple(inputs.labels[number] for number in members)
-        if labels_ not in chosen:
+        if labels_ not in found:
             own = [marks & (1 << label) != 0 for label in labels_]
-            chosen[labels_] = own, np.logical_or.reduce(own)
-        own, together = chosen[labels_]
-        runs = np.concatenate([runs_of(blocks, number) for blocks, number in zip(own, members, strict=True)])
+            found[labels_] = np.logical_or.reduce(own), [runs_of(blocks, 0) for blocks in own]
+        chosen, own_runs = found[labels_]
+        runs = np.concatenate([np.add(each, [0, 0, 0, number]) for each, number in zip(own_runs, members, strict=True)])
         is_whole = inputs.region is None and labels_ == (0,)
-        yield _Level(inputs.steps[members[0]], members, together, runs, is_whole)
+        yield _Level(inputs.steps[members[0]], members, chosen, runs.astype(np.int32), is_whole)
 
 
 def _array(tensor: Tensor) -> Any:

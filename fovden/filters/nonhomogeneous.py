@@ -290,9 +290,9 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         return [each._replace(level=-each.step) for each in sorted(passes, key=lambda each: -each.step)]
 
     def _fill(self, state: State, normal: Tensor, position: Tensor, layer: Tensor) -> Tensor:
-        if self.options.mask_at == "center":
+        if self.options.mask_at == "center" or (not torch.compiler.is_compiling() and bool(state.known.all())):
             return state.image
-        widths = [self._passes(index)[0].sigmas for index in range(len(self.levels))]
+        widths, layer = [self._passes(index)[0].sigmas for index in range(len(self.levels))], layer.long()
         return fill(
             state.image,
             ~state.known,
@@ -307,13 +307,13 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         """The entry of ``levels`` that each pixel belongs to, shape (v, 1, h, w)."""
         plane = radiance[:, :1]
         if layer is None:
-            return torch.zeros_like(plane, dtype=torch.int64)
+            return torch.zeros_like(plane, dtype=torch.uint8)
         views, _, height, width = plane.shape
         require_shapes("v 1 h w", {"h": height, "w": width}, layer=require_tensor("layer", layer))
         require(layer.shape[0] in (1, views), "layer", f"{layer.shape[0]} views", f"1 or {views} views")
         if not torch.compiler.is_compiling():  # values are looked at only where that does not break a graph
             require(bool((layer >= 0).all()), "layer", f"a least value of {int(layer.min())}", "values of at least 0")
-        return layer.to(torch.int64).clamp(max=len(self.levels) - 1).expand_as(plane)
+        return layer.clamp(max=len(self.levels) - 1).to(torch.uint8).expand_as(plane)
 
     def _per_layer(self, name: str, widths: float | Sequence[float]) -> list[float]:
         values = list(widths) if isinstance(widths, Sequence) else [widths] * len(self.levels)
