@@ -8,7 +8,8 @@ The two do not trace the same number of rays. Mitsuba traces camera rays for eve
 surface all samples share; and Mitsuba goes on from the last surface with a ray that could meet a lamp. The table
 therefore gives the time per ray as well, with the most rays that a sample can need: two towards lights, and a bounce,
 with 1 / spp of a camera ray here; a camera ray, and two bounces, there. Surfaces that face away from their light and
-paths that leave the scene spare either side a few of them.
+paths that leave the scene spare either side a few of them. So do, here, samples of a pixel that choose the same point
+or direction of light: from the surface that they share it is one ray.
 
 Surfaces are taken for Lambertian and for whole, as Mitsuba's shadow rays take them. That both saw the same light is
 checked by the mean of all images, of which the difference is given; smooth normals make it a per cent or two: where one

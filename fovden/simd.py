@@ -30,7 +30,6 @@ __all__ = [
     "pointer_to",
     "prefetch",
     "splat",
-    "stack_bytes",
     "stack_floats",
     "stack_int32",
     "stack_words",
@@ -321,9 +320,6 @@ stack_words = _stack(types.int64, I64)
 
 stack_int32 = _stack(types.int32, I32)
 """``stack_int32(n)``: n int32 on the stack, aligned to 64 bytes; n is a literal."""
-
-stack_bytes = _stack(types.uint8, ir.IntType(8))
-"""``stack_bytes(n)``: n uint8 on the stack, aligned to 64 bytes; n is a literal."""
 
 
 @intrinsic

@@ -273,13 +273,10 @@ def intersect(
         >>> intersect(bvh, torch.tensor([[0.25, 0.25, 2.0]]), torch.tensor([[0.0, 0.0, -1.0]]))
         Hits(t=tensor([2.]), u=tensor([0.2500]), v=tensor([0.2500]), prim=tensor([0], dtype=torch.int32))
     """
-    count, rays = _prepare(origins, directions, t_max, backend)
+    rays = _prepare(origins, directions, t_max, backend)
     if backend == "torch":
         return Hits(*closest_hits(decoded(*(part.to(origins.device) for part in bvh)), *rays, geometry=geometry))
-    t, u, v = (torch.empty(count) for _ in range(3))
-    hits = Hits(t, u, v, torch.empty(count, dtype=torch.int32))
-    arrays = (tensor.numpy() for tensor in (*rays, *hits))
-    parallel.run(streams.closest_hits, count, (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
+    hits = _walked(bvh, rays, geometry, any_hit=False)
     return Hits(*(field.to(origins.device) for field in hits))
 
 
@@ -317,14 +314,21 @@ def occluded(
         >>> occluded(bvh, *rays), occluded(bvh, *rays, t_max=torch.tensor([1.0]))
         (tensor([True]), tensor([False]))
     """
-    count, rays = _prepare(origins, directions, t_max, backend)
+    rays = _prepare(origins, directions, t_max, backend)
     if backend == "torch":
         structure = decoded(*(part.to(origins.device) for part in bvh))
         return closest_hits(structure, *rays, any_hit=True, geometry=geometry)[3] >= 0
-    blocked = torch.empty(count, dtype=torch.bool)
-    arrays = (tensor.numpy() for tensor in (*rays, blocked.view(torch.uint8)))
-    parallel.run(streams.any_hits, count, (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
-    return blocked.to(origins.device)
+    return (_walked(bvh, rays, geometry, any_hit=True).prim >= 0).to(origins.device)
+
+
+def _walked(bvh: Bvh, rays: tuple[Tensor, Tensor, Tensor], geometry: tuple[Any, ...] | None, *, any_hit: bool) -> Hits:
+    """What the kernels find: the first hit of each ray, or any."""
+    count = len(rays[2])
+    t, u, v = (torch.empty(count) for _ in range(3))
+    hits = Hits(t, u, v, torch.empty(count, dtype=torch.int32))
+    arrays = (tensor.numpy() for tensor in (*rays, *hits))
+    parallel.run(streams.trace_rays, count, (*_arrays(bvh, geometry), any_hit, *arrays), tile=RAYS_PER_TILE)
+    return hits
 
 
 def _arrays(bvh: Bvh, geometry: tuple[Any, ...] | None) -> tuple[object, ...]:
@@ -334,8 +338,8 @@ def _arrays(bvh: Bvh, geometry: tuple[Any, ...] | None) -> tuple[object, ...]:
 
 def _prepare(
     origins: Tensor, directions: Tensor, t_max: Tensor | None, backend: Backend
-) -> tuple[int, tuple[Tensor, Tensor, Tensor]]:
-    """The number of rays, and the rays as the backend reads them."""
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The rays as the backend reads them."""
     require(backend in get_args(Backend), "backend", backend, " or ".join(map(repr, get_args(Backend))))
     sizes = require_shapes("n 3", origins=origins, directions=directions)
     if t_max is None:
@@ -345,4 +349,4 @@ def _prepare(
     start, along, end = (
         tensor.detach().to(device, torch.float32).contiguous() for tensor in (origins, directions, t_max)
     )
-    return sizes["n"], (start, along, end)
+    return start, along, end

@@ -41,6 +41,7 @@ from fovden.simd import (
     maximum,
     minimum,
     splat,
+    stack_floats,
     store,
     store_int32,
 )
@@ -208,11 +209,10 @@ push_likeliest_vector = _push_boxes(nearest=False)
 
 
 @inlined
-def push_lane(nodes: Any, base: Int, ray: Any, lane: Int, distances: Any, stack: Any, top: Int) -> Int:
-    """Puts a child on the stack if the ray meets it; returns the new number of entries."""
-    entry, leave = entry_and_leave(nodes, base, ray, lane)
-    if entry <= leave:
-        distances[top] = entry
+def push_lane(nodes: Any, base: Int, lane: Int, mask: Int, entries: Any, distances: Any, stack: Any, top: Int) -> Int:
+    """Puts a child on the stack if it is in the mask of those that the ray meets; returns the new number of entries."""
+    if (mask >> np.int32(lane)) & np.int32(1):
+        distances[top] = entries[lane]
         store_int32(stack, top, load_int32(nodes, base + CHILDREN + lane))
         top += 1
     return top
@@ -220,19 +220,22 @@ def push_lane(nodes: Any, base: Int, ray: Any, lane: Int, distances: Any, stack:
 
 @inlined
 def push_nearest_plain(nodes: Any, base: Int, ray: Any, distances: Any, stack: Any, top: Int) -> Int:
-    """:data:`push_nearest_vector`, one box after the other."""
-    order = load_int32(nodes, base + ORDERS + load_int32(ray, OCTANT))
+    """:data:`push_nearest_vector`, one child after the other."""
+    entries, order = stack_floats(WIDTH), load_int32(nodes, base + ORDERS + load_int32(ray, OCTANT))
+    mask = hit_boxes(nodes, base, ray, entries)
     for place in range(WIDTH):
         lane = np.int64(order >> np.int32(4 * place)) & np.int64(7)
-        top = push_lane(nodes, base, ray, lane, distances, stack, top)
+        top = push_lane(nodes, base, lane, mask, entries, distances, stack, top)
     return top
 
 
 @inlined
 def push_likeliest_plain(nodes: Any, base: Int, ray: Any, distances: Any, stack: Any, top: Int) -> Int:
-    """:data:`push_likeliest_vector`, one box after the other."""
+    """:data:`push_likeliest_vector`, one child after the other."""
+    entries = stack_floats(WIDTH)
+    mask = hit_boxes(nodes, base, ray, entries)
     for lane in range(WIDTH):
-        top = push_lane(nodes, base, ray, np.int64(lane), distances, stack, top)
+        top = push_lane(nodes, base, np.int64(lane), mask, entries, distances, stack, top)
     return top
 
 

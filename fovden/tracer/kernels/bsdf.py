@@ -97,7 +97,7 @@ def coat_chance(metallic: Float, coat: Float) -> Float:
 def metallic_roughness(surface: Surface, viewer: Vector, light: Vector) -> Reflection:
     """A mixture of a metal and a coated diffuse surface; both have the same microfacets."""
     metallic, dielectric = surface.metallic, ONE - surface.metallic
-    facets = reflect_facets(viewer, light, width_of(surface.roughness), False)
+    facets = reflect_facets(viewer, light, width_of(surface.roughness), surface.model == GGX_SEPARABLE)
     seen, arriving = reflected_by_coat(surface.roughness, viewer.z), reflected_by_coat(surface.roughness, light.z)
     coat = COAT + (ONE - COAT) * facets.white
     white = facets.value * (metallic * facets.white + dielectric * coat)

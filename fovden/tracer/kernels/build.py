@@ -105,7 +105,7 @@ def best_split(boxes: Any, start: Int, stop: Int, span: Any, counts: Any, bins: 
         for b in range(BINS):
             counts[axis, b] = 0
             make_empty(bins[axis, b])
-    sx, sy, sz = bin_scale(span, 0), bin_scale(span, 1), bin_scale(span, 2)
+    sx, sy, sz = bin_scale(span, np.int64(0)), bin_scale(span, np.int64(1)), bin_scale(span, np.int64(2))
     for i in range(start, stop):
         box = boxes[i]
         for axis, scale in ((0, sx), (1, sy), (2, sz)):

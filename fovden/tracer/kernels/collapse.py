@@ -203,7 +203,7 @@ def pack(
     ``numbers`` and ``prims`` are the memory of ``nodes`` and ``blocks`` as int32.
     """
     for wide in range(start, stop):
-        used = 0
+        used = np.int64(0)
         for lane in range(WIDTH):
             child, code = children_of[wide, lane], codes[wide, lane]
             numbers[wide, CHILDREN + lane] = code

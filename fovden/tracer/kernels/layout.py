@@ -33,5 +33,4 @@ LIMIT, HIT_U, HIT_V = 18, 19, 20
 NEAR_ROWS, VERTEX_ROWS, OCTANT, HIT_PRIM = 21, 24, 27, 28  # int32
 SCALE = 29
 
-RESULTS_SIZE = 32  # t, u and v of a block's triangles; or the distances of a node's children
-SCRATCH_SIZE = RAY_SIZE + RESULTS_SIZE
+RESULTS_SIZE = 32  # t, u and v of a block's triangles

@@ -30,7 +30,7 @@ from fovden.tracer.kernels.illumination import (
 )
 from fovden.tracer.kernels.surface import Geometry, GeometryArrays, Surface, emitted, emitter_of, geometry_pointers
 from fovden.tracer.kernels.traversal import Accelerator
-from fovden.tracer.kernels.vectors import Vector, dot, scaled
+from fovden.tracer.kernels.vectors import Vector, dot, scaled, write_three
 
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
 BLACK = Vector(ZERO, ZERO, ZERO)
@@ -62,7 +62,7 @@ class Setting(NamedTuple):
 
 
 class Tape(NamedTuple):
-    """Where to write what a path is made of, TAPE numbers a vertex, and whether to."""
+    """Where to write what a vertex is made of, or all of them, TAPE numbers each, and whether to."""
 
     numbers: Any
     runs: bool
@@ -121,9 +121,7 @@ def sampled_light(world: World, surface: Surface, viewer: Vector, xi: Vector, al
 
 
 @inlined
-def met_light(
-    world: World, surface: Surface, hit: Hit, direction: Vector, density: Float, tape: Tape, first: Int
-) -> Vector:
+def met_light(world: World, surface: Surface, hit: Hit, direction: Vector, density: Float, tape: Tape) -> Vector:
     """Radiance of what a bounce ran into, weighted against light sampling; zero where that does not shine."""
     colour, row, other = BLACK, np.int64(-1), ZERO
     if hit.prim < 0:
@@ -142,35 +140,29 @@ def met_light(
         return colour
     scale = density / (density + other)
     if tape.runs:
-        tape.numbers[first + MET], tape.numbers[first + MET_SCALE] = np.float32(row), scale
+        tape.numbers[MET], tape.numbers[MET_SCALE] = np.float32(row), scale
     return scaled(colour, scale)
 
 
 @inlined
-def write_three(numbers: Any, start: Int, a: Vector) -> None:
-    """Writes three numbers side by side."""
-    numbers[start], numbers[start + 1], numbers[start + 2] = a.x, a.y, a.z
-
-
-@inlined
-def tape_vertex(tape: Tape, first: Int, hit: Hit) -> None:
+def tape_vertex(tape: Tape, hit: Hit) -> None:
     """Writes where a vertex is, and that nothing is known of its light yet."""
     for i in range(TAPE):
-        tape.numbers[first + i] = ZERO
-    write_three(tape.numbers, first + PRIM, Vector(np.float32(hit.prim), hit.u, hit.v))
-    tape.numbers[first + LIGHT], tape.numbers[first + MET] = -ONE, -ONE
+        tape.numbers[i] = ZERO
+    write_three(tape.numbers, PRIM, Vector(np.float32(hit.prim), hit.u, hit.v))
+    tape.numbers[LIGHT], tape.numbers[MET] = -ONE, -ONE
 
 
 @inlined
-def tape_light(tape: Tape, first: Int, row: Int, white: Float, share: Float, direction: Vector) -> None:
+def tape_light(tape: Tape, row: Int, white: Float, share: Float, direction: Vector) -> None:
     """Writes which light was sampled at a vertex, its share, and where it is."""
-    tape.numbers[first + LIGHT] = np.float32(row)
-    tape.numbers[first + WHITE], tape.numbers[first + COLOURED] = white, share
-    write_three(tape.numbers, first + TO_LIGHT, direction)
+    tape.numbers[LIGHT] = np.float32(row)
+    tape.numbers[WHITE], tape.numbers[COLOURED] = white, share
+    write_three(tape.numbers, TO_LIGHT, direction)
 
 
 @inlined
-def tape_bounce(tape: Tape, first: Int, white: Float, share: Float, bounce: Bounce) -> None:
+def tape_bounce(tape: Tape, white: Float, share: Float, bounce: Bounce) -> None:
     """Writes the weight of a bounce, and where it goes."""
-    tape.numbers[first + BOUNCE_WHITE], tape.numbers[first + BOUNCE_COLOURED] = white, share
-    write_three(tape.numbers, first + TO_BOUNCE, bounce.direction)
+    tape.numbers[BOUNCE_WHITE], tape.numbers[BOUNCE_COLOURED] = white, share
+    write_three(tape.numbers, TO_BOUNCE, bounce.direction)

@@ -8,12 +8,12 @@ import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
 from fovden.rng import Stream
-from fovden.simd import load_int32, pointer_to, stack_floats, stack_words
+from fovden.simd import load_int32, pointer_to, stack_floats, stack_int32, stack_words
 from fovden.tracer.kernels.bsdf import gbuffer_roughness
 from fovden.tracer.kernels.draws import draw
 from fovden.tracer.kernels.illumination import LightTable, environment_radiance
-from fovden.tracer.kernels.layout import SCRATCH_SIZE, STACK_SIZE
-from fovden.tracer.kernels.path import BLACK, TAPE, Hit, Setting, Tape, World, open_world, tape_vertex, write_three
+from fovden.tracer.kernels.path import BLACK, TAPE, Hit, Setting, Tape, World, open_world, tape_vertex
+from fovden.tracer.kernels.streams import FIRST, Hits, Rays, put_ray, walk
 from fovden.tracer.kernels.surface import GeometryArrays, albedo_of, emitted, surface_at, three
 from fovden.tracer.kernels.tiles import (
     PRIM,
@@ -27,8 +27,7 @@ from fovden.tracer.kernels.tiles import (
     direction_of,
     put_direction,
 )
-from fovden.tracer.kernels.traversal import Scratch, closest
-from fovden.tracer.kernels.vectors import Vector, added, dot, luminance, normalised, scaled
+from fovden.tracer.kernels.vectors import Vector, added, dot, luminance, normalised, scaled, write_three
 from fovden.tracer.kernels.wavefront import (
     DIRECT,
     INDIRECT,
@@ -41,6 +40,7 @@ from fovden.tracer.kernels.wavefront import (
     Batch,
     path_of,
     put_path,
+    repeat_path,
     tape_of,
     trace_paths,
 )
@@ -83,14 +83,6 @@ def listed_direction(
 
 
 @inlined
-def trace(world: World, scratch: Scratch, origin: Vector, direction: Vector) -> Hit:
-    """The first hit."""
-    o, d = origin, direction
-    t, u, v, prim = closest(world.accelerator, scratch, o.x, o.y, o.z, d.x, d.y, d.z, INFINITY)
-    return Hit(t, u, v, np.int64(prim))
-
-
-@inlined
 def background(world: World, hit: Hit, direction: Vector) -> Vector:
     """What a camera ray sees shine: the emitter that it hits, or the surroundings."""
     if hit.prim >= 0:
@@ -102,6 +94,12 @@ def background(world: World, hit: Hit, direction: Vector) -> Vector:
 def write(image: Any, view: Int, y: Int, x: Int, value: Vector) -> None:
     """Writes three channels of a pixel."""
     image[view, 0, y, x], image[view, 1, y, x], image[view, 2, y, x] = value.x, value.y, value.z
+
+
+@inlined
+def pixel_of(image: Any, view: Int, y: Int, x: Int) -> Vector:
+    """Three channels of a pixel."""
+    return Vector(image[view, 0, y, x], image[view, 1, y, x], image[view, 2, y, x])
 
 
 @kernel
@@ -128,8 +126,7 @@ def trace_primary(
 
     Tiles are four by four pixels, counted row by row through all views.
     """
-    scratch, tile = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE)), stack_floats(TILE_SIZE)
-    world = open_world(nodes, blocks, geometry, lights)
+    tile, world = stack_floats(TILE_SIZE), open_world(nodes, blocks, geometry, lights)
     height, width = prim.shape[2], prim.shape[3]
     across, down = (width + SIDE - 1) // SIDE, (height + SIDE - 1) // SIDE
     for item in range(start, stop):
@@ -139,7 +136,7 @@ def trace_primary(
             y, x = min(top + i // SIDE, height - 1), min(left + i % SIDE, width - 1)
             _, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
             put_direction(tile, i, direction)
-        closest_tile(world.accelerator, scratch, tile, origin[0], origin[1], origin[2])
+        closest_tile(world.accelerator, tile, origin[0], origin[1], origin[2])
         for i in range(RAYS):
             y, x = top + i // SIDE, left + i % SIDE
             if y >= height or x >= width:
@@ -211,56 +208,48 @@ def trace_listed(
         counts: Samples of each of them, (k).
         width: Width of a view.
         setting: How paths are made.
-        direct: Receives the mean direct light.
-        indirect: Receives the mean indirect light.
+        direct: Receives the mean direct light; zero before, and left so where a pixel sees no surface.
+        indirect: Receives the mean indirect light, likewise.
         luminance_squared: Receives the mean squared luminance, emission included.
         tape: Receives what the paths are made of, (all samples, bounces + 1, TAPE); empty where it does not matter.
         tape_first: First sample of each of the listed pixels on tape, (k).
     """
-    world, batch = (
-        open_world(nodes, blocks, geometry, lights),
-        Batch(stack_floats(NUMBERS_OF_ALL), stack_words(WORDS_OF_ALL)),
-    )
-    items, on_tape = stack_words(PATHS), Tape(pointer_to(tape), tape.shape[0] > 0)
-    per_path = np.int64(TAPE) * (setting.bounces + 1)
-    item, sample = np.int64(start), np.int64(0)
+    world, items = open_world(nodes, blocks, geometry, lights), stack_words(PATHS)
+    batch = Batch(stack_floats(NUMBERS_OF_ALL), stack_words(WORDS_OF_ALL))
+    on_tape, per_path = Tape(pointer_to(tape), tape.shape[0] > 0), np.int64(TAPE) * (setting.bounces + 1)
     direct_sum, indirect_sum, square_sum = BLACK, BLACK, ZERO
+    item, sample = np.int64(start), np.int64(0)
     while item < stop:
         count = np.int64(0)
         while item < stop and count < PATHS:
             view, y, x = np.int64(places[item, 0]), np.int64(places[item, 1]), np.int64(places[item, 2])
-            samples, number = np.int64(counts[item]), np.int64(prim[view, 0, y, x])
-            if number < 0 and samples > 0:
-                shine = luminance(Vector(emission[view, 0, y, x], emission[view, 1, y, x], emission[view, 2, y, x]))
-                luminance_squared[view, 0, y, x] = shine * shine
-            last = min(samples, sample + PATHS - count) if number >= 0 else sample
-            if sample < last:
-                eye, pixel = (
-                    np.int64(coordinates[item, 0]),
-                    np.int64(coordinates[item, 1]) * width + np.int64(coordinates[item, 2]),
-                )
+            hit = Hit(ZERO, barycentric[view, 0, y, x], barycentric[view, 1, y, x], np.int64(prim[view, 0, y, x]))
+            if hit.prim < 0 or counts[item] == 0:
+                shine = luminance(pixel_of(emission, view, y, x))
+                luminance_squared[view, 0, y, x] = shine * shine if counts[item] > 0 else ZERO
+                item += 1
+                continue
+            if sample == 0 or count == 0:
                 direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, item)
-                hit = Hit(ZERO, barycentric[view, 0, y, x], barycentric[view, 1, y, x], number)
-                surface = surface_at(world.geometry, number, hit.u, hit.v, direction)
-                origin = count
-                while sample < last:
-                    path = path_of(batch, count)
-                    put_path(path, surface, scaled(direction, -ONE), origin, pixel, eye, sample)
-                    items[count] = item
-                    if on_tape.runs:
-                        path.words[TAPED] = (tape_first[item] + sample) * per_path
-                        tape_vertex(tape_of(path, on_tape, 0), np.int64(0), hit)
-                    count, sample = count + 1, sample + 1
-            if number < 0 or sample >= samples:
+                pixel = np.int64(coordinates[item, 1]) * width + np.int64(coordinates[item, 2])
+                put_path(world, batch, count, hit, direction, pixel, np.int64(coordinates[item, 0]))
+            else:
+                repeat_path(batch, count)
+            path, items[count] = path_of(batch, count), item
+            path.words[SAMPLE] = sample
+            if on_tape.runs:
+                path.words[TAPED] = (tape_first[item] + sample) * per_path
+                tape_vertex(tape_of(path, on_tape, np.int64(0)), hit)
+            count, sample = count + 1, sample + 1
+            if sample == counts[item]:
                 item, sample = item + 1, np.int64(0)
         trace_paths(world, batch, count, setting, on_tape)
         for n in range(count):
             path, i = path_of(batch, n), items[n]
             view, y, x = np.int64(places[i, 0]), np.int64(places[i, 1]), np.int64(places[i, 2])
-            own = Vector(emission[view, 0, y, x], emission[view, 1, y, x], emission[view, 2, y, x])
             first, second = three(path.numbers, DIRECT), three(path.numbers, INDIRECT)
             direct_sum, indirect_sum = added(direct_sum, first, ONE), added(indirect_sum, second, ONE)
-            total = luminance(added(added(first, second, ONE), own, ONE))
+            total = luminance(added(added(first, second, ONE), pixel_of(emission, view, y, x), ONE))
             square_sum += total * total
             if path.words[SAMPLE] == counts[i] - 1:
                 share = ONE / np.float32(counts[i])
@@ -294,6 +283,18 @@ def see_listed(
         direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, i)
         hit = Hit(ZERO, ZERO, ZERO, np.int64(prim[view, 0, y, x]))
         write(emission, view, y, x, background(world, hit, direction))
+
+
+@inlined
+def add_sample(total: Any, squares: Any, view: Int, y: Int, x: Int, light: Vector, own: Vector) -> None:
+    """Adds a sample of a pixel to its sums."""
+    value = added(light, own, ONE)
+    total[view, 0, y, x] += value.x
+    total[view, 1, y, x] += value.y
+    total[view, 2, y, x] += value.z
+    squares[view, 0, y, x] += np.float64(value.x) * value.x
+    squares[view, 1, y, x] += np.float64(value.y) * value.y
+    squares[view, 2, y, x] += np.float64(value.z) * value.z
 
 
 @kernel
@@ -332,48 +333,43 @@ def accumulate_all(
         total: Sums of the samples' radiance, float64, (v, 3, h, w).
         squares: Sums of its squares, float64, (v, 3, h, w).
     """
-    scratch = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE))
-    batch, owns = Batch(stack_floats(NUMBERS_OF_ALL), stack_words(WORDS_OF_ALL)), stack_floats(THREE_OF_ALL)
-    world, tape = open_world(nodes, blocks, geometry, lights), Tape(batch.numbers, False)
+    world = open_world(nodes, blocks, geometry, lights)
+    items, samples, lines = stack_words(PATHS), stack_words(PATHS), stack_words(PATHS)
+    batch = Batch(stack_floats(NUMBERS_OF_ALL), stack_words(WORDS_OF_ALL))
+    owns, tape = stack_floats(THREE_OF_ALL), Tape(batch.numbers, False)
+    rays = Rays(stack_floats(THREE_OF_ALL), stack_floats(THREE_OF_ALL), stack_floats(PATHS))
+    hits = Hits(stack_floats(PATHS), stack_floats(PATHS), stack_floats(PATHS), stack_int32(PATHS))
     height, width = np.int64(total.shape[2]), np.int64(total.shape[3])
     item, sample = np.int64(start), np.int64(first_sample)
-    items = stack_words(PATHS)
     while item < stop:
-        count = np.int64(0)
+        count, seen = np.int64(0), np.int64(0)
         while item < stop and count < PATHS:
             view, y, x = item // (height * width), item // width % height, item % width
-            pixel, origin = y * width + x, count
-            origin_, direction = view_ray(views, view, np.float32(x) + HALF, np.float32(y) + HALF)
-            hit, own = Hit(INFINITY, ZERO, ZERO, MISS), BLACK
-            surface = surface_at(world.geometry, 0, ZERO, ZERO, direction)
-            begin, last = sample, min(np.int64(last_sample), sample + PATHS - count)
-            while sample < last:
-                if jittered or sample == begin:
-                    if jittered:
-                        shift_x, shift_y, _, _ = draw(setting.sampler, setting.seed, JITTER, pixel, view, sample, 0)
-                        origin_, direction = view_ray(views, view, np.float32(x) + shift_x, np.float32(y) + shift_y)
-                    hit = trace(world, scratch, origin_, direction)
-                    own, origin = background(world, hit, direction), count
-                    if hit.prim >= 0:
-                        surface = surface_at(world.geometry, hit.prim, hit.u, hit.v, direction)
-                    else:
-                        origin = MISS
-                put_path(path_of(batch, count), surface, scaled(direction, -ONE), origin, pixel, view, sample)
-                write_three(owns, 3 * count, own)
-                items[count] = item
-                count, sample = count + 1, sample + 1
-            if sample >= last_sample:
+            if jittered or sample == first_sample or count == 0:
+                shift_x, shift_y = HALF, HALF
+                if jittered:
+                    shift_x, shift_y, _, _ = draw(setting.sampler, setting.seed, JITTER, y * width + x, view, sample, 0)
+                eye, direction = view_ray(views, view, np.float32(x) + shift_x, np.float32(y) + shift_y)
+                put_ray(rays, seen, eye, direction, INFINITY)
+                seen += 1
+            items[count], samples[count], lines[count] = item, sample, seen - 1
+            count, sample = count + 1, sample + 1
+            if sample == last_sample:
                 item, sample = item + 1, np.int64(first_sample)
+        walk(world.accelerator, rays, np.int64(0), seen, FIRST, hits)
+        for n in range(count):
+            i, k = items[n], lines[n]
+            if n == 0 or k != lines[n - 1]:
+                direction = three(rays.directions, 3 * k)
+                hit = Hit(hits.t[k], hits.u[k], hits.v[k], np.int64(hits.prim[k]))
+                own = background(world, hit, direction)
+                put_path(world, batch, n, hit, direction, i % (height * width), i // (height * width))
+            else:
+                repeat_path(batch, n)
+            path_of(batch, n).words[SAMPLE] = samples[n]
+            write_three(owns, 3 * n, own)
         trace_paths(world, batch, count, setting, tape)
         for n in range(count):
             path, i = path_of(batch, n), items[n]
-            view, y, x = i // (height * width), i // width % height, i % width
-            value = added(
-                added(three(path.numbers, DIRECT), three(path.numbers, INDIRECT), ONE), three(owns, 3 * n), ONE
-            )
-            total[view, 0, y, x] += value.x
-            total[view, 1, y, x] += value.y
-            total[view, 2, y, x] += value.z
-            squares[view, 0, y, x] += np.float64(value.x) * value.x
-            squares[view, 1, y, x] += np.float64(value.y) * value.y
-            squares[view, 2, y, x] += np.float64(value.z) * value.z
+            light = added(three(path.numbers, DIRECT), three(path.numbers, INDIRECT), ONE)
+            add_sample(total, squares, i // (height * width), i // width % height, i % width, light, three(owns, 3 * n))

@@ -89,9 +89,9 @@ def prepare(ray: Any, ox: Float, oy: Float, oz: Float, dx: Float, dy: Float, dz:
     dx, dy, dz = dx * scale, dy * scale, dz * scale
     ax, ay, az = abs(dx), abs(dy), abs(dz)
     smallest = SMALLEST * max(max(ax, ay), az)
-    octant = prepare_slab(ray, 0, ox, dx, smallest)
-    octant += np.int32(2) * prepare_slab(ray, 1, oy, dy, smallest)
-    octant += np.int32(4) * prepare_slab(ray, 2, oz, dz, smallest)
+    octant = prepare_slab(ray, np.int64(0), ox, dx, smallest)
+    octant += np.int32(2) * prepare_slab(ray, np.int64(1), oy, dy, smallest)
+    octant += np.int32(4) * prepare_slab(ray, np.int64(2), oz, dz, smallest)
     store_int32(ray, OCTANT, octant)
     x, y, z = np.int32(0), np.int32(WIDTH), np.int32(2 * WIDTH)
     if ax >= ay and ax >= az:

@@ -84,7 +84,7 @@ def sobol(seed: Int, stream: Int, pixel: Int, view: Int, sample: Int, block: Int
     pair whose every elementary interval holds its share of points. The permutations' seeds are four words of Philox,
     and for the order their exclusive or, which is independent of any three of them.
     """
-    s0, s1, s2, s3 = philox_words(seed, stream, pixel, view, 0, block)
+    s0, s1, s2, s3 = philox_words(seed, stream, pixel, view, np.int64(0), block)
     order = _U32(_U32(s0 ^ s1) ^ _U32(s2 ^ s3))
     index = reversed_bits(permuted(reversed_bits(_U32(sample)), order))
     x0 = x1 = x2 = x3 = _U32(0)

@@ -71,7 +71,7 @@ def copy_box(boxes: Any, i: Int, other: Any, j: Int) -> None:
 @kernel
 def box_within(corners: Any, bounds: Any, polygon: Any, boxes: Any, row: Int) -> bool:
     """Writes the box of the part of a triangle within bounds to a row, rounded outwards; returns if there is any."""
-    count, source = 3, 0
+    count, source = np.int64(3), np.int64(0)  # a literal would compile ``clip`` anew
     for corner in range(3):
         for axis in range(3):
             polygon[0, corner, axis] = corners[corner, axis]

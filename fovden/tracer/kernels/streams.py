@@ -6,7 +6,7 @@ the ray's next one, which the other rays' steps give time to arrive. Which child
 branch: they go onto its stack by permutations, nearest or likeliest on top, and once a hit has made the ray shorter,
 what lies beyond is taken off at once, so that the top of the stack is always the next step.
 
-The answers are those of ``traversal``, to the bit.
+The answer for a ray does not depend on the others, nor on its place among them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fovden.jit import Int, inlined, kernel
+from fovden.jit import Float, Int, inlined, kernel
 from fovden.simd import advanced, load_int32, pointer_to, prefetch, stack_floats, stack_words, store_int32
 from fovden.tracer.kernels.boxes import drop_far, push_likeliest, push_nearest
 from fovden.tracer.kernels.layout import (
@@ -28,13 +28,16 @@ from fovden.tracer.kernels.layout import (
     WIDTH,
 )
 from fovden.tracer.kernels.rays import ZERO, is_traceable, prepare
-from fovden.tracer.kernels.surface import GeometryArrays, geometry_pointers
-from fovden.tracer.kernels.traversal import Accelerator, any_solid, found, keep_nearest
+from fovden.tracer.kernels.surface import RECORD, GeometryArrays, geometry_pointers
+from fovden.tracer.kernels.traversal import Accelerator, found, keep_nearest
 from fovden.tracer.kernels.triangles import hit_triangles
+from fovden.tracer.kernels.vectors import Vector, write_three
 
 SLOTS = 4
 LINE = 16  # float32 numbers of a cache line
 ALL_RAYS, ALL_STACKS, ALL_RESULTS, ALL_WORDS = SLOTS * RAY_SIZE, SLOTS * STACK_SIZE, SLOTS * RESULTS_SIZE, 3 * SLOTS
+FIRST: Any = np.bool_(False)  # which hit ``walk`` is asked for; Numba would compile it twice for two literals
+ANY: Any = np.bool_(True)
 DONE = -(1 << 40)  # in place of a child code
 TOP, CODE, ITEM = 0, SLOTS, 2 * SLOTS  # of a slot's numbers in Slots.words
 
@@ -64,6 +67,14 @@ class Hits(NamedTuple):
     u: Any
     v: Any
     prim: Any
+
+
+@inlined
+def put_ray(rays: Rays, k: Int, origin: Vector, direction: Vector, t_max: Float) -> None:
+    """Writes a ray."""
+    write_three(rays.origins, 3 * k, origin)
+    write_three(rays.directions, 3 * k, direction)
+    rays.t_max[k] = t_max
 
 
 @inlined
@@ -122,57 +133,69 @@ def shorten(slots: Slots, slot: Int) -> None:
 
 
 @inlined
-def next_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
-    """Takes a slot's next child from its stack and asks for its memory; returns whether there is none."""
-    top = slots.words[TOP + slot] - 1
-    if top < 0:
-        slots.words[CODE + slot] = DONE
-        return True
-    code = np.int64(load_int32(slots.stacks, STACK_SIZE * slot + top))
-    slots.words[TOP + slot], slots.words[CODE + slot] = top, code
+def ask_for(accelerator: Accelerator, code: Int) -> None:
+    """Asks for the memory of a child."""
     if code >= 0:
         for line in range(NODE_SIZE // LINE):
             prefetch(accelerator.nodes, code * NODE_SIZE + line * LINE)
     else:
         for line in range(BLOCK_SIZE // LINE):
             prefetch(accelerator.blocks, ~code * BLOCK_SIZE + line * LINE)
+
+
+@inlined
+def next_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
+    """Takes a slot's next child from its stack and asks for its memory; returns whether there is none.
+
+    After a leaf block comes the child below, unless the ray ends there: that one has a step more time to arrive.
+    """
+    top = slots.words[TOP + slot] - 1
+    if top < 0:
+        slots.words[CODE + slot] = DONE
+        return True
+    code = np.int64(load_int32(slots.stacks, STACK_SIZE * slot + top))
+    slots.words[TOP + slot], slots.words[CODE + slot] = top, code
+    ask_for(accelerator, code)
+    if code < 0 and top > 0:
+        ask_for(accelerator, np.int64(load_int32(slots.stacks, STACK_SIZE * slot + top - 1)))
     return False
 
 
 @inlined
-def closest_step(accelerator: Accelerator, slots: Slots, slot: Int) -> None:
-    """A slot's step towards its closest hit."""
-    code, ray = slots.words[CODE + slot], advanced(slots.rays, RAY_SIZE * slot)
+def step(accelerator: Accelerator, slots: Slots, slot: Int, any_hit: bool) -> None:
+    """A slot's step: puts the children of a node that its ray meets on its stack, or meets the triangles of a block."""
+    code, ray, k = slots.words[CODE + slot], advanced(slots.rays, RAY_SIZE * slot), STACK_SIZE * slot
     if code >= 0:
-        k = STACK_SIZE * slot
+        nodes, base, top = accelerator.nodes, code * NODE_SIZE, slots.words[TOP + slot]
         distances, stack = advanced(slots.distances, k), advanced(slots.stacks, k)
-        top = push_nearest(accelerator.nodes, code * NODE_SIZE, ray, distances, stack, slots.words[TOP + slot])
-        slots.words[TOP + slot] = top
+        if any_hit:
+            slots.words[TOP + slot] = push_likeliest(nodes, base, ray, distances, stack, top)
+        else:
+            slots.words[TOP + slot] = push_nearest(nodes, base, ray, distances, stack, top)
         return
     base, results = ~code * BLOCK_SIZE, advanced(slots.results, RESULTS_SIZE * slot)
     mask = hit_triangles(accelerator.blocks, base, ray, results)
     if mask != 0 and keep_nearest(accelerator, base, mask, results, ray):
-        shorten(slots, slot)
+        if any_hit:
+            slots.words[TOP + slot] = 0
+        else:
+            shorten(slots, slot)
 
 
 @inlined
-def any_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
-    """A slot's step towards any hit; returns whether it is one."""
-    code, ray = slots.words[CODE + slot], advanced(slots.rays, RAY_SIZE * slot)
-    if code >= 0:
-        k = STACK_SIZE * slot
-        distances, stack = advanced(slots.distances, k), advanced(slots.stacks, k)
-        top = push_likeliest(accelerator.nodes, code * NODE_SIZE, ray, distances, stack, slots.words[TOP + slot])
-        slots.words[TOP + slot] = top
-        return False
-    base, results = ~code * BLOCK_SIZE, advanced(slots.results, RESULTS_SIZE * slot)
-    mask = hit_triangles(accelerator.blocks, base, ray, results)
-    return mask != 0 and any_solid(accelerator, base, mask, results)
+def answer(accelerator: Accelerator, slots: Slots, slot: Int, any_hit: bool, hits: Hits) -> None:
+    """Writes what a slot's ray has met, and asks for the record of a triangle that is the first."""
+    k = slots.words[ITEM + slot]
+    hits.t[k], hits.u[k], hits.v[k], prim = found(advanced(slots.rays, RAY_SIZE * slot))
+    hits.prim[k] = prim
+    if not any_hit:
+        prefetch(accelerator.geometry.triangles, RECORD * np.int64(prim))
+        prefetch(accelerator.geometry.triangles, RECORD * np.int64(prim) + LINE)
 
 
 @kernel
-def walk_closest(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, hits: Hits) -> None:
-    """Writes the first hit of each of the rays start .. stop - 1."""
+def walk(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, any_hit: bool, hits: Hits) -> None:
+    """Writes the first hit, or any hit, which is found sooner, of each of the rays start .. stop - 1."""
     slots = Slots(
         stack_floats(ALL_RAYS),
         stack_floats(ALL_STACKS),
@@ -185,47 +208,23 @@ def walk_closest(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, hi
         ended = False
         while not ended:
             for slot in range(active):
-                closest_step(accelerator, slots, slot)
+                step(accelerator, slots, slot, any_hit)
             for slot in range(active):
                 if next_step(accelerator, slots, slot):
-                    k, ended = slots.words[ITEM + slot], True
-                    hits.t[k], hits.u[k], hits.v[k], hits.prim[k] = found(advanced(slots.rays, RAY_SIZE * slot))
+                    answer(accelerator, slots, slot, any_hit, hits)
+                    ended = True
         item, active = refill(rays, stop, slots, item, active)
 
 
 @kernel
-def walk_any(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, occluded: Any) -> None:
-    """Writes whether anything lies on each of the rays start .. stop - 1: 1, or 0."""
-    slots = Slots(
-        stack_floats(ALL_RAYS),
-        stack_floats(ALL_STACKS),
-        stack_floats(ALL_STACKS),
-        stack_floats(ALL_RESULTS),
-        stack_words(ALL_WORDS),
-    )
-    for k in range(start, stop):
-        occluded[k] = 0
-    item, active = refill(rays, stop, slots, start, np.int64(0))
-    while active > 0:
-        ended = False
-        while not ended:
-            for slot in range(active):
-                if any_step(accelerator, slots, slot):
-                    occluded[slots.words[ITEM + slot]] = 1
-                    slots.words[TOP + slot] = 0
-            for slot in range(active):
-                ended |= next_step(accelerator, slots, slot)
-        item, active = refill(rays, stop, slots, item, active)
-
-
-@kernel
-def closest_hits(
+def trace_rays(
     start: Int,
     stop: Int,
     nodes: Any,
     blocks: Any,
     geometry: GeometryArrays,
     holes: bool,
+    any_hit: bool,
     origins: Any,
     directions: Any,
     t_max: Any,
@@ -234,27 +233,8 @@ def closest_hits(
     v: Any,
     prim: Any,
 ) -> None:
-    """Writes the first hit of each of the rays start .. stop - 1 of arrays."""
+    """:func:`walk` for rays and hits in arrays."""
     accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks), geometry_pointers(geometry), holes)
     rays = Rays(pointer_to(origins), pointer_to(directions), pointer_to(t_max))
     hits = Hits(pointer_to(t), pointer_to(u), pointer_to(v), pointer_to(prim))
-    walk_closest(accelerator, rays, start, stop, hits)
-
-
-@kernel
-def any_hits(
-    start: Int,
-    stop: Int,
-    nodes: Any,
-    blocks: Any,
-    geometry: GeometryArrays,
-    holes: bool,
-    origins: Any,
-    directions: Any,
-    t_max: Any,
-    occluded: Any,
-) -> None:
-    """Writes whether anything lies on each of the rays start .. stop - 1 of arrays, as bytes."""
-    accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks), geometry_pointers(geometry), holes)
-    rays = Rays(pointer_to(origins), pointer_to(directions), pointer_to(t_max))
-    walk_any(accelerator, rays, start, stop, pointer_to(occluded))
+    walk(accelerator, rays, start, stop, any_hit, hits)

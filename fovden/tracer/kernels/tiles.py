@@ -3,12 +3,12 @@
 The inverse directions of a tile lie in an interval for each axis. A box that no direction of these intervals meets is
 met by none of the rays, so that eight boxes, and then the boxes of a block's eight triangles, are tested for all rays
 at once; each triangle that remains is tested against sixteen rays at once, by the arithmetic of ``triangles``. The
-answers are those of ``traversal``, to the bit.
+answers are those of single rays, to the bit.
 
 For the error bounds see ``boxes``: a bound is met at (b - o) times an inverse, whose roundings are all relative.
 
-Rays that differ in a direction's sign or in its largest component make no tile; they are traced one by one. So are rays
-with a component that is zero or nearly so.
+Rays that differ in a direction's sign or in its largest component make no tile; ``streams`` traces them. It also traces
+those with a component that is zero or nearly so.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from fovden.simd import (
     I32,
     I64,
     Lanes,
+    advanced,
     bits_of,
     load,
     load_int32,
@@ -35,6 +36,7 @@ from fovden.simd import (
     pointer_to,
     splat,
     stack_floats,
+    stack_int32,
     stack_words,
     store,
     store_int32,
@@ -47,18 +49,19 @@ from fovden.tracer.kernels.layout import (
     CUTOUT,
     NODE_SIZE,
     PRIMITIVES,
-    SCRATCH_SIZE,
     STACK_SIZE,
     UPPER,
     WIDTH,
 )
 from fovden.tracer.kernels.rays import INFINITY, MISS, SLACK, ZERO, is_traceable
 from fovden.tracer.kernels.splits import MARGIN
+from fovden.tracer.kernels.streams import FIRST, Hits, Rays, put_ray, walk
 from fovden.tracer.kernels.surface import GeometryArrays, geometry_pointers
-from fovden.tracer.kernels.traversal import Accelerator, Scratch, child_of, closest, is_solid, key_of
+from fovden.tracer.kernels.traversal import Accelerator, child_of, is_solid, key_of
 from fovden.tracer.kernels.vectors import Vector
 
 SIDE, RAYS = 4, 16
+THREE_OF_ALL = 3 * RAYS
 DIRECTIONS = 0  # rows of sixteen: x, y, z
 SHEARS = 3 * RAYS  # x, y, z
 T, U, V, PRIM = 6 * RAYS, 7 * RAYS, 8 * RAYS, 9 * RAYS
@@ -299,12 +302,11 @@ def meet_block(accelerator: Accelerator, base: Int, tile: Any) -> None:
 
 
 @kernel
-def closest_tile(accelerator: Accelerator, scratch: Scratch, tile: Any, ox: Float, oy: Float, oz: Float) -> None:
+def closest_tile(accelerator: Accelerator, tile: Any, ox: Float, oy: Float, oz: Float) -> None:
     """Finds the first hits of sixteen rays from one origin.
 
     Args:
         accelerator: The structure.
-        scratch: Working memory.
         tile: TILE_SIZE numbers with the directions in DIRECTIONS, rows of x, y and z. Receives T, U, V and, as int32,
             PRIM: infinity, 0, 0, -1 for a miss.
         ox: Origin.
@@ -312,13 +314,15 @@ def closest_tile(accelerator: Accelerator, scratch: Scratch, tile: Any, ox: Floa
         oz: Origin.
     """
     if not (VECTORS and prepare_tile(tile, ox, oy, oz)):
+        rays = Rays(stack_floats(THREE_OF_ALL), stack_floats(THREE_OF_ALL), stack_floats(RAYS))
+        hits = Hits(advanced(tile, T), advanced(tile, U), advanced(tile, V), stack_int32(RAYS))
         for i in range(RAYS):
-            d = direction_of(tile, i)
-            t, u, v, prim = closest(accelerator, scratch, ox, oy, oz, d.x, d.y, d.z, INFINITY)
-            tile[T + i], tile[U + i], tile[V + i] = t, u, v
-            store_int32(tile, PRIM + i, prim)
+            put_ray(rays, i, Vector(ox, oy, oz), direction_of(tile, i), INFINITY)
+        walk(accelerator, rays, np.int64(0), np.int64(RAYS), FIRST, hits)
+        for i in range(RAYS):
+            store_int32(tile, PRIM + i, hits.prim[i])
         return
-    nodes, stack, distances = accelerator.nodes, scratch.stack, scratch.numbers
+    nodes, stack, distances = accelerator.nodes, stack_words(STACK_SIZE), stack_floats(WIDTH)
     top = 0
     code = np.int64(0)
     while True:
@@ -373,7 +377,7 @@ def closest_pixels(
     ``origin`` has shape (3), ``directions`` (h, w, 3), and what is written (h, w).
     """
     accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks), geometry_pointers(geometry), holes)
-    scratch, tile = Scratch(stack_words(STACK_SIZE), stack_floats(SCRATCH_SIZE)), stack_floats(TILE_SIZE)
+    tile = stack_floats(TILE_SIZE)
     height, width = prim.shape
     across = (width + SIDE - 1) // SIDE
     for item in range(start, stop):
@@ -381,7 +385,7 @@ def closest_pixels(
         for i in range(RAYS):
             y, x = min(top + i // SIDE, height - 1), min(left + i % SIDE, width - 1)
             put_direction(tile, i, Vector(directions[y, x, 0], directions[y, x, 1], directions[y, x, 2]))
-        closest_tile(accelerator, scratch, tile, origin[0], origin[1], origin[2])
+        closest_tile(accelerator, tile, origin[0], origin[1], origin[2])
         for i in range(RAYS):
             y, x = top + i // SIDE, left + i % SIDE
             if y < height and x < width:

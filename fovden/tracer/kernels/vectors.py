@@ -76,6 +76,12 @@ def row(pointer: Any, i: Int) -> Vector:
 
 
 @inlined
+def write_three(numbers: Any, start: Int, a: Vector) -> None:
+    """Writes three numbers side by side."""
+    numbers[start], numbers[start + 1], numbers[start + 2] = a.x, a.y, a.z
+
+
+@inlined
 def luminance(c: Vector) -> Float:
     """Rec. 709 luminance."""
     return RED * c.x + GREEN * c.y + BLUE * c.z

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fovden.jit import Float, Int, inlined, kernel
-from fovden.simd import advanced, prefetch, stack_bytes, stack_floats, stack_int32, stack_words
+from fovden.simd import advanced, stack_floats, stack_int32, stack_words
 from fovden.tracer.kernels.bsdf import sample
 from fovden.tracer.kernels.draws import draw
 from fovden.tracer.kernels.path import (
@@ -36,12 +36,12 @@ from fovden.tracer.kernels.path import (
     tape_bounce,
     tape_light,
     tape_vertex,
-    write_three,
 )
-from fovden.tracer.kernels.streams import LINE, Hits, Rays, walk_any, walk_closest
-from fovden.tracer.kernels.surface import RECORD, Surface, albedo_of, origin_above, surface_at, three
-from fovden.tracer.kernels.vectors import Vector, added, dot, largest_component, product, scaled
+from fovden.tracer.kernels.streams import ANY, FIRST, Hits, Rays, put_ray, walk
+from fovden.tracer.kernels.surface import Geometry, Surface, albedo_of, origin_above, surface_at, three
+from fovden.tracer.kernels.vectors import Vector, added, dot, largest_component, product, scaled, write_three
 
+START = np.int64(0)
 ZERO, ONE, INFINITY = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 SURVIVAL = np.float32(0.95)
 """Greatest chance of a path to go on where it may end at random, as in Mitsuba 3: it also ends in white scenes."""
@@ -50,8 +50,9 @@ PATHS = 128
 """Paths of a batch. Their numbers should stay in the fastest cache."""
 
 # Numbers of a path: where it is, what light still weighs there, what it has found, and what it waits for.
-POSITION, NORMAL, GEOMETRIC, OFFSET, S, T, ROUGHNESS, METALLIC = 0, 3, 6, 9, 10, 11, 12, 13
-VIEWER, ALBEDO, THROUGHPUT, DIRECT, INDIRECT, ASKED, DENSITY = 14, 17, 20, 23, 26, 29, 32
+# (As int64: Numba compiles a function anew for every literal.)
+POSITION, NORMAL, GEOMETRIC, VIEWER, ALBEDO, THROUGHPUT, DIRECT, INDIRECT, ASKED = (np.int64(3 * k) for k in range(9))
+OFFSET, S, T, ROUGHNESS, METALLIC, DENSITY = 27, 28, 29, 30, 31, 32
 NUMBERS = 33
 # And words: the address of its random numbers, the first path of the batch that begins at the same surface (-1 where
 # there is none), its place on tape, and its shadow ray (-1 for none).
@@ -81,14 +82,15 @@ def path_of(batch: Batch, i: Int) -> Batch:
     return Batch(advanced(batch.numbers, NUMBERS * i), advanced(batch.words, WORDS * i))
 
 
-@inlined
-def put_surface(path: Batch, surface: Surface, viewer: Vector) -> None:
-    """Writes where a path is, and from where that is seen."""
+@kernel
+def put_surface(geometry: Geometry, path: Batch, hit: Hit, direction: Vector) -> None:
+    """Writes where a path is: at the surface that a ray of this direction hit."""
+    surface = surface_at(geometry, hit.prim, hit.u, hit.v, direction)
     numbers, words = path.numbers, path.words
     write_three(numbers, POSITION, surface.position)
     write_three(numbers, NORMAL, surface.normal)
     write_three(numbers, GEOMETRIC, surface.geometric)
-    write_three(numbers, VIEWER, viewer)
+    write_three(numbers, VIEWER, scaled(direction, -ONE))
     numbers[OFFSET], numbers[S], numbers[T] = surface.offset, surface.s, surface.t
     numbers[ROUGHNESS], numbers[METALLIC] = surface.roughness, surface.metallic
     words[MATERIAL], words[MODEL] = surface.material, surface.model
@@ -112,20 +114,33 @@ def surface_of(path: Batch) -> Surface:
     )
 
 
-@inlined
-def put_path(path: Batch, surface: Surface, viewer: Vector, origin: Int, pixel: Int, view: Int, number: Int) -> None:
-    """Begins a path at a surface, or, where the origin is -1, nowhere: then it finds nothing."""
-    put_surface(path, surface, viewer)
+@kernel
+def put_path(world: World, batch: Batch, i: Int, hit: Hit, direction: Vector, pixel: Int, view: Int) -> None:
+    """Begins the i-th path where a camera ray hit a surface; if it hit none there is no path, and no light is found."""
+    path = path_of(batch, i)
+    path.words[ORIGIN], path.words[PIXEL], path.words[VIEW] = np.int64(-1), pixel, view
     write_three(path.numbers, THROUGHPUT, Vector(ONE, ONE, ONE))
     write_three(path.numbers, DIRECT, BLACK)
     write_three(path.numbers, INDIRECT, BLACK)
-    path.words[ORIGIN], path.words[PIXEL], path.words[VIEW], path.words[SAMPLE] = origin, pixel, view, number
+    if hit.prim >= 0:
+        path.words[ORIGIN] = i
+        put_surface(world.geometry, path, hit, direction)
+
+
+@inlined
+def repeat_path(batch: Batch, i: Int) -> None:
+    """Begins the i-th path where the one before it does, which has not gone on yet."""
+    path, before = path_of(batch, i), path_of(batch, i - 1)
+    for k in range(NUMBERS):
+        path.numbers[k] = before.numbers[k]
+    for k in range(WORDS):
+        path.words[k] = before.words[k]
 
 
 @inlined
 def tape_of(path: Batch, tape: Tape, vertex: Int) -> Tape:
     """Where a vertex of a path is written down."""
-    place = path.words[TAPED] + np.int64(TAPE) * vertex if tape.runs else np.int64(0)
+    place = path.words[TAPED] + np.int64(TAPE) * vertex if tape.runs else START
     return Tape(advanced(tape.numbers, place), tape.runs)
 
 
@@ -134,14 +149,6 @@ def gain(path: Batch, vertex: Int, light: Vector) -> None:
     """Adds what a path has found at a surface, or beyond it."""
     place = DIRECT if vertex == 0 else INDIRECT
     write_three(path.numbers, place, added(three(path.numbers, place), light, ONE))
-
-
-@inlined
-def put_ray(rays: Rays, k: Int, origin: Vector, direction: Vector, t_max: Float) -> None:
-    """Writes a ray."""
-    write_three(rays.origins, 3 * k, origin)
-    write_three(rays.directions, 3 * k, direction)
-    rays.t_max[k] = t_max
 
 
 @inlined
@@ -157,7 +164,7 @@ def ask_for_light(
     reflected = product(light.colour, coloured(three(path.numbers, ALBEDO), light.white, light.coloured))
     write_three(path.numbers, ASKED, product(three(path.numbers, THROUGHPUT), reflected))
     if tape.runs:
-        tape_light(tape, np.int64(0), light.row, light.white, light.coloured, light.direction)
+        tape_light(tape, light.row, light.white, light.coloured, light.direction)
     row = np.int64(light.row) if light.is_fixed and vertex == 0 else np.int64(-1)
     k = asked - 1
     while k >= 0 and row >= 0 and shadows.rows[k] != row:
@@ -176,19 +183,19 @@ def leave(
 ) -> bool:
     """Samples a bounce, and writes its ray as the k-th; returns whether there is one. Risky ones may end at random."""
     bounce = sample(surface, three(path.numbers, VIEWER), xi.x, xi.y, xi.z)
-    goes_on = bounce.density > ZERO and dot(bounce.direction, surface.geometric) > ZERO
+    goes_on = bool(bounce.density > ZERO and dot(bounce.direction, surface.geometric) > ZERO)
     throughput, albedo, survival = three(path.numbers, THROUGHPUT), three(path.numbers, ALBEDO), ONE
     if is_risky:
         weighted = product(throughput, coloured(albedo, bounce.white, bounce.coloured))
         survival = min(SURVIVAL, largest_component(weighted))
-        goes_on = goes_on and fate < survival
+        goes_on = bool(goes_on and fate < survival)
     if goes_on:
         white, share = bounce.white / survival, bounce.coloured / survival
         write_three(path.numbers, THROUGHPUT, product(throughput, coloured(albedo, white, share)))
         path.numbers[DENSITY] = bounce.density
         put_ray(rays, k, origin_above(surface), bounce.direction, INFINITY)
         if tape.runs:
-            tape_bounce(tape, np.int64(0), white, share, bounce)
+            tape_bounce(tape, white, share, bounce)
     return bool(goes_on)
 
 
@@ -196,13 +203,13 @@ def leave(
 def arrive(world: World, path: Batch, hit: Hit, direction: Vector, vertex: Int, tape: Tape) -> bool:
     """Adds the light that the bounce from a vertex met; returns whether it met a surface, at which the path then is."""
     here = tape_of(path, tape, vertex)
-    met = met_light(world, surface_of(path), hit, direction, path.numbers[DENSITY], here, np.int64(0))
+    met = met_light(world, surface_of(path), hit, direction, path.numbers[DENSITY], here)
     gain(path, vertex, product(three(path.numbers, THROUGHPUT), met))
     if hit.prim < 0:
         return False
-    put_surface(path, surface_at(world.geometry, hit.prim, hit.u, hit.v, direction), scaled(direction, -ONE))
+    put_surface(world.geometry, path, hit, direction)
     if tape.runs:
-        tape_vertex(tape_of(path, tape, vertex + 1), np.int64(0), hit)
+        tape_vertex(tape_of(path, tape, vertex + 1), hit)
     return True
 
 
@@ -220,27 +227,30 @@ def trace_paths(world: World, batch: Batch, count: Int, setting: Setting, tape: 
         setting: How paths are made.
         tape: Where to write what the paths are made of.
     """
-    alive, away, occluded = stack_words(PATHS), stack_words(PATHS), stack_bytes(PATHS)
+    alive, away = stack_words(PATHS), stack_words(PATHS)
     rays = Rays(stack_floats(THREE_OF_ALL), stack_floats(THREE_OF_ALL), stack_floats(PATHS))
     hits = Hits(stack_floats(PATHS), stack_floats(PATHS), stack_floats(PATHS), stack_int32(PATHS))
     shadow_rays = Rays(stack_floats(THREE_OF_ALL), stack_floats(THREE_OF_ALL), stack_floats(PATHS))
     shadows = Shadows(shadow_rays, stack_words(PATHS), stack_words(PATHS))
-    living = np.int64(0)
+    living = START
     for i in range(count):
         if batch.words[WORDS * i + ORIGIN] >= 0:
             alive[living] = i
             living += 1
     for vertex in range(setting.bounces + 1):
         is_last, is_risky = vertex == setting.bounces, vertex + 1 >= setting.roulette
-        asked, leaving = np.int64(0), np.int64(0)
+        asked, leaving = START, START
+        for n in range(living):
+            path = path_of(batch, alive[n])
+            origin = path.words[ORIGIN]
+            if vertex > 0 or origin == alive[n]:
+                albedo = albedo_of(world.geometry, surface_of(path))
+            else:
+                albedo = three(batch.numbers, NUMBERS * origin + ALBEDO)
+            write_three(path.numbers, ALBEDO, albedo)
         for n in range(living):
             path = path_of(batch, alive[n])
             words, here, surface = path.words, tape_of(path, tape, vertex), surface_of(path)
-            if vertex > 0 or words[ORIGIN] == alive[n]:
-                albedo = albedo_of(world.geometry, surface)
-            else:
-                albedo = three(batch.numbers, NUMBERS * words[ORIGIN] + ALBEDO)
-            write_three(path.numbers, ALBEDO, albedo)
             pixel, view, number = words[PIXEL], words[VIEW], words[SAMPLE]
             x, y, z, fate = draw(setting.sampler, setting.seed, setting.stream, pixel, view, number, 2 * vertex)
             asked = ask_for_light(world, path, surface, Vector(x, y, z), vertex, is_last, here, shadows, asked)
@@ -249,20 +259,17 @@ def trace_paths(world: World, batch: Batch, count: Int, setting: Setting, tape: 
                 if leave(path, surface, Vector(x, y, z), fate, is_risky, here, rays, leaving):
                     away[leaving] = alive[n]
                     leaving += 1
-        walk_any(world.accelerator, shadow_rays, np.int64(0), asked, occluded)
+        walk(world.accelerator, shadow_rays, START, asked, ANY, hits)
         for n in range(living):
             path = path_of(batch, alive[n])
             k = path.words[SHADOW]
-            if k >= 0 and occluded[k] == 0:
+            if k >= 0 and hits.prim[k] < 0:
                 gain(path, vertex, three(path.numbers, ASKED))
             elif k >= 0 and tape.runs:
                 here = tape_of(path, tape, vertex)
-                tape_light(here, np.int64(0), np.int64(-1), ZERO, ZERO, BLACK)
-        walk_closest(world.accelerator, rays, np.int64(0), leaving, hits)
-        for n in range(leaving):
-            prefetch(world.geometry.triangles, RECORD * np.int64(hits.prim[n]))
-            prefetch(world.geometry.triangles, RECORD * np.int64(hits.prim[n]) + LINE)
-        living = np.int64(0)
+                tape_light(here, np.int64(-1), ZERO, ZERO, BLACK)
+        walk(world.accelerator, rays, START, leaving, FIRST, hits)
+        living = START
         for n in range(leaving):
             path, hit = path_of(batch, away[n]), Hit(hits.t[n], hits.u[n], hits.v[n], np.int64(hits.prim[n]))
             if arrive(world, path, hit, three(rays.directions, 3 * n), vertex, tape):
