@@ -276,7 +276,10 @@ def intersect(
     rays = _prepare(origins, directions, t_max, backend)
     if backend == "torch":
         return Hits(*closest_hits(decoded(*(part.to(origins.device) for part in bvh)), *rays, geometry=geometry))
-    hits = _walked(bvh, rays, geometry, any_hit=False)
+    count = len(rays[2])
+    hits = Hits(torch.empty(count), torch.empty(count), torch.empty(count), torch.empty(count, dtype=torch.int32))
+    arrays = (tensor.numpy() for tensor in (*rays, *hits))
+    parallel.run(streams.closest_hits, count, (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
     return Hits(*(field.to(origins.device) for field in hits))
 
 
@@ -318,17 +321,10 @@ def occluded(
     if backend == "torch":
         structure = decoded(*(part.to(origins.device) for part in bvh))
         return closest_hits(structure, *rays, any_hit=True, geometry=geometry)[3] >= 0
-    return (_walked(bvh, rays, geometry, any_hit=True).prim >= 0).to(origins.device)
-
-
-def _walked(bvh: Bvh, rays: tuple[Tensor, Tensor, Tensor], geometry: tuple[Any, ...] | None, *, any_hit: bool) -> Hits:
-    """What the kernels find: the first hit of each ray, or any."""
-    count = len(rays[2])
-    t, u, v = (torch.empty(count) for _ in range(3))
-    hits = Hits(t, u, v, torch.empty(count, dtype=torch.int32))
-    arrays = (tensor.numpy() for tensor in (*rays, *hits))
-    parallel.run(streams.trace_rays, count, (*_arrays(bvh, geometry), any_hit, *arrays), tile=RAYS_PER_TILE)
-    return hits
+    prim = torch.empty(len(rays[2]), dtype=torch.int32)
+    arrays = (tensor.numpy() for tensor in (*rays, prim))
+    parallel.run(streams.any_hits, len(prim), (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
+    return (prim >= 0).to(origins.device)
 
 
 def _arrays(bvh: Bvh, geometry: tuple[Any, ...] | None) -> tuple[object, ...]:

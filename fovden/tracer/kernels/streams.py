@@ -145,10 +145,7 @@ def ask_for(accelerator: Accelerator, code: Int) -> None:
 
 @inlined
 def next_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
-    """Takes a slot's next child from its stack and asks for its memory; returns whether there is none.
-
-    After a leaf block comes the child below, unless the ray ends there: that one has a step more time to arrive.
-    """
+    """Takes a slot's next child from its stack and asks for its memory; returns whether there is none."""
     top = slots.words[TOP + slot] - 1
     if top < 0:
         slots.words[CODE + slot] = DONE
@@ -156,8 +153,6 @@ def next_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
     code = np.int64(load_int32(slots.stacks, STACK_SIZE * slot + top))
     slots.words[TOP + slot], slots.words[CODE + slot] = top, code
     ask_for(accelerator, code)
-    if code < 0 and top > 0:
-        ask_for(accelerator, np.int64(load_int32(slots.stacks, STACK_SIZE * slot + top - 1)))
     return False
 
 
@@ -186,16 +181,17 @@ def step(accelerator: Accelerator, slots: Slots, slot: Int, any_hit: bool) -> No
 def answer(accelerator: Accelerator, slots: Slots, slot: Int, any_hit: bool, hits: Hits) -> None:
     """Writes what a slot's ray has met, and asks for the record of a triangle that is the first."""
     k = slots.words[ITEM + slot]
-    hits.t[k], hits.u[k], hits.v[k], prim = found(advanced(slots.rays, RAY_SIZE * slot))
+    t, u, v, prim = found(advanced(slots.rays, RAY_SIZE * slot))
     hits.prim[k] = prim
     if not any_hit:
+        hits.t[k], hits.u[k], hits.v[k] = t, u, v
         prefetch(accelerator.geometry.triangles, RECORD * np.int64(prim))
         prefetch(accelerator.geometry.triangles, RECORD * np.int64(prim) + LINE)
 
 
-@kernel
-def walk(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, any_hit: bool, hits: Hits) -> None:
-    """Writes the first hit, or any hit, which is found sooner, of each of the rays start .. stop - 1."""
+@inlined
+def walk_in_turn(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, any_hit: bool, hits: Hits) -> None:
+    """Writes the first hit of each of the rays start .. stop - 1, or the triangle of any, which is found sooner."""
     slots = Slots(
         stack_floats(ALL_RAYS),
         stack_floats(ALL_STACKS),
@@ -217,14 +213,19 @@ def walk(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, any_hit: b
 
 
 @kernel
-def trace_rays(
+def walk(accelerator: Accelerator, rays: Rays, start: Int, stop: Int, any_hit: bool, hits: Hits) -> None:
+    """:func:`walk_in_turn` for kernels that ask for both: compiled once, which is what takes long."""
+    walk_in_turn(accelerator, rays, start, stop, any_hit, hits)
+
+
+@kernel
+def closest_hits(
     start: Int,
     stop: Int,
     nodes: Any,
     blocks: Any,
     geometry: GeometryArrays,
     holes: bool,
-    any_hit: bool,
     origins: Any,
     directions: Any,
     t_max: Any,
@@ -233,8 +234,28 @@ def trace_rays(
     v: Any,
     prim: Any,
 ) -> None:
-    """:func:`walk` for rays and hits in arrays."""
+    """Writes the first hit of each of the rays start .. stop - 1 of arrays."""
     accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks), geometry_pointers(geometry), holes)
     rays = Rays(pointer_to(origins), pointer_to(directions), pointer_to(t_max))
     hits = Hits(pointer_to(t), pointer_to(u), pointer_to(v), pointer_to(prim))
-    walk(accelerator, rays, start, stop, any_hit, hits)
+    walk_in_turn(accelerator, rays, start, stop, False, hits)
+
+
+@kernel
+def any_hits(
+    start: Int,
+    stop: Int,
+    nodes: Any,
+    blocks: Any,
+    geometry: GeometryArrays,
+    holes: bool,
+    origins: Any,
+    directions: Any,
+    t_max: Any,
+    prim: Any,
+) -> None:
+    """Writes the triangle of any hit of each of the rays start .. stop - 1 of arrays, -1 for none."""
+    accelerator = Accelerator(pointer_to(nodes), pointer_to(blocks), geometry_pointers(geometry), holes)
+    rays = Rays(pointer_to(origins), pointer_to(directions), pointer_to(t_max))
+    nothing = stack_floats(1)
+    walk_in_turn(accelerator, rays, start, stop, True, Hits(nothing, nothing, nothing, pointer_to(prim)))
