@@ -32,7 +32,7 @@ from torch import Tensor
 from benchmarks import harness, memory
 from benchmarks.fma import peak
 from benchmarks.harness import Table, alternate, available, compared, positive, say
-from fovden.filters import Atrous, NonHomogeneousAtrous
+from fovden.filters import NonHomogeneousAtrous
 from fovden.filters.operator import run_passes
 from fovden.filters.passes import Pass, PassOptions, begin, compose
 from fovden.filters.taps import Sigmas
@@ -99,6 +99,27 @@ def both_ways(images: Images, steps: Sequence[int], form: Callable[..., Any], ma
     return call
 
 
+def there_and_back(images: Images, mask: Tensor, everything: bool, factors: Tensor | None) -> tuple[Call, Call]:
+    """A call forwards, without gradients, and one that takes the gradients of a graph that is there already."""
+    guides = [images.radiance, images.normal, images.position]
+    leaves = [each.clone().requires_grad_() for each in (guides if everything else guides[:1])]
+    radiance, normal, position = [*leaves, *guides[len(leaves) :]]
+    sigmas = [torch.tensor(value, requires_grad=True) for value in (0.7, 0.5, 0.4)]
+    seed = torch.ones_like(images.radiance)
+
+    def image() -> Tensor:
+        passes = [Pass(1, Sigmas(*sigmas))]
+        state = begin(radiance, mask)
+        return run_passes(state, normal, position, passes, factors=factors, options=PassOptions()).image
+
+    def forth() -> object:
+        with torch.no_grad():
+            return image()
+
+    graph = image()
+    return forth, lambda: torch.autograd.grad(graph, [*sigmas, *leaves], seed, retain_graph=True)
+
+
 def peers_of(images: Images) -> dict[str, tuple[int, Call]]:
     """Joint bilateral filters: their taps, and a call for both views."""
     found: dict[str, tuple[int, Call]] = {}
@@ -142,11 +163,16 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
             own = both_ways(on, steps, run_passes, on.full, everything)
             peers = {"eager": both_ways(on, steps, compose, on.full, everything)}
             add(f"{name}, both ways, {which}", on, 25 * len(steps), own, peers)
-    add("one level, both ways, masked", images, 25, both_ways(images, (1,), run_passes, images.sampled, True), {})
-    wide = {
-        "sigma_normal": 2.0,
-        "sigma_position": 2.0,
-    }  # random guides are like nothing else, and leave no holes with it
+    for name, mask, everything, factors in (
+        ("radiance and widths", images.full, False, None),
+        ("everything", images.full, True, None),
+        ("everything, masked", images.sampled, True, None),
+        ("everything, widths per pixel", images.full, True, torch.ones_like(images.radiance)),
+    ):
+        forth, back = there_and_back(images, mask, everything, factors)
+        times = alternate({"fovden": back, "forwards": forth}, options.rounds)
+        results.append({"kind": f"backwards, {name}", "pixels": images.pixels, "threads": threads, "times": times})
+    wide = {"sigma_normal": 2.0, "sigma_position": 2.0}  # or random guides, alike nowhere, would leave holes
     levels = {"Base": NonHomogeneousAtrous.base(**wide), "NH3LD": NonHomogeneousAtrous.nh3ld(**wide)}
     calls = {name: _denoise(images, denoiser) for name, denoiser in levels.items()}
     say("NH3LD and Base")
@@ -192,7 +218,7 @@ def _grow(side: str, gradients: bool, height: int, width: int) -> int:
     return memory.peak() - before
 
 
-def _denoise(images: Images, denoiser: NonHomogeneousAtrous | Atrous) -> Call:
+def _denoise(images: Images, denoiser: NonHomogeneousAtrous) -> Call:
     def call() -> object:
         with torch.no_grad():
             return denoiser.filter(images.radiance, images.normal, images.position, images.sampled, images.layer)
@@ -207,7 +233,7 @@ def tables(data: harness.Data) -> list[Table]:
     rows = []
     for each in timed:
         for peer, times in each["times"].items():
-            if peer in ("fovden", "kornia", "opencv"):
+            if peer not in ("eager", "compiled", "Base"):
                 continue
             own = each["times"]["fovden"]
             seconds = [f"{statistics.median(side['wall']):.3f}" for side in (own, times)]
@@ -215,9 +241,21 @@ def tables(data: harness.Data) -> list[Table]:
     header = ["filter", "pixels", "peer", "fovden, s", "peer, s", *harness.COMPARED]
     return [
         Table("The à-trous filter, fused and composed", header, rows),
+        _ways(timed),
         _speeds(timed, peak_),
         _memory(data["results"]),
     ]
+
+
+def _ways(timed: Sequence[dict[str, Any]]) -> Table:
+    """How many times as long as the way forwards the way back takes."""
+    rows = []
+    for each in timed:
+        if "forwards" in each["times"]:
+            back, forth = (statistics.median(each["times"][side]["wall"]) for side in ("fovden", "forwards"))
+            name = each["kind"].removeprefix("backwards, ")
+            rows.append([name, f"{forth:.3f}", f"{back:.3f}", f"{back / forth:.2f}"])
+    return Table("The way back of one level", ["gradients of", "forwards, s", "backwards, s", "ratio"], rows)
 
 
 def _speeds(timed: Sequence[dict[str, Any]], peak_: float) -> Table:

@@ -106,6 +106,7 @@ def test_filters_are_measured_beside_their_peers(run):
     assert next(each["flops"] for each in results if each["kind"] == "peak") > 1e9
     beside = next(each for each in results if each["kind"] == "one level beside kornia")
     assert beside["pixels"] == 2 * 24 * 32
+    assert sum(kind.startswith("backwards") for kind in kinds) == 4
     assert "five levels, forwards" in printed
     assert "share of the peak" in printed
 

@@ -91,7 +91,6 @@ class Inputs:
                 np.asarray(self.labels, np.int64),
                 _array(self.inverse),
                 np.log2(kernels).astype(np.float32),
-                (kernels[:, ::-1] / kernels).astype(np.float32),
             ),
             Guides(_array(self.normal), _array(self.position), _array(region), _array(factors)),
         )

@@ -6,6 +6,7 @@ How many steps that takes depends on the data, so a compiler cannot look into it
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -78,22 +79,25 @@ def _fill_holes(
 ) -> Tensor:
     size, dtype = max(image.shape[-2:]), image.dtype
     steps = [2**k for k in range(size.bit_length()) if 2**k < size]
-    mask = mask.to(image.dtype).expand_as(holes) * ~holes
-    holes = holes & (mask > 0).flatten(1).any(1)[:, None, None, None]
+    view, _, y, x = holes.nonzero(as_tuple=True)
+    if view.numel() == 0:
+        return image
+    image, mask = image.clone(), mask.to(image.dtype).expand_as(holes) * ~holes
+    reachable = (mask > 0).flatten(1).any(1)[view]
+    view, y, x = view[reachable], y[reachable], x[reachable]
 
     for stage in ("label", "geometry", "mask"):
         if stage == "label" and label is None:
             continue
         for step in steps:
-            view, _, y, x = hole = holes.nonzero(as_tuple=True)
             if view.numel() == 0:
                 return image
 
             def read(tensor: Tensor, view: Tensor = view, y: Tensor = y, x: Tensor = x) -> Tensor:
                 return tensor[view, :, y, x]
 
-            def width(sigma: Sigma, hole: tuple[Tensor, ...] = hole) -> Sigma:
-                return sigma[hole][:, None].to(dtype) if isinstance(sigma, Tensor) and sigma.dim() else sigma
+            def width(sigma: Sigma, read: Callable[[Tensor], Tensor] = read) -> Sigma:
+                return read(sigma).to(dtype) if isinstance(sigma, Tensor) and sigma.dim() else sigma
 
             total = image.new_zeros(view.numel(), 1)
             weighted = image.new_zeros(view.numel(), image.shape[1])
@@ -113,11 +117,10 @@ def _fill_holes(
                     total = total + weight
                     weighted = weighted + weight * read(image, *at)
             found = (total > SMALLEST_TOTAL).squeeze(1)
-            view, y, x = view[found], y[found], x[found]
-            image, mask, holes = image.clone(), mask.clone(), holes.clone()
-            image[view, :, y, x] = weighted[found] / total[found]
-            mask[view, :, y, x] = 1
-            holes[view, :, y, x] = False
+            filled = view[found], slice(None), y[found], x[found]
+            image[filled] = weighted[found] / total[found]
+            mask[filled] = 1
+            view, y, x = view[~found], y[~found], x[~found]
     return image
 
 

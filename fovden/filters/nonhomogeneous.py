@@ -139,7 +139,8 @@ class NonHomogeneousAtrous(GuidedDenoiser):
             listed.
 
     Differentiable: in the frame's light, albedo, normal and position, and in the widths. Cost: 25 taps in each pass
-    for each pixel of the layer's bounding box.
+    for each block of sixteen pixels in a row that has one of the layer's; where the operator is composed of torch
+    operations (:func:`fovden.filters.operator.run_passes`), for each pixel of the layer's bounding box.
 
     Source: the 2023 paper, sections 3.2 and 3.3 and Algorithm 1; weights from the shader of Dammertz et al. (2010);
     the widths' defaults are ours, see :mod:`fovden.filters.edge_stopping`.

@@ -15,13 +15,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from fovden.checks import require
 from fovden.filters.fused import Blended, Inputs, blend_stack, return_gradients
 from fovden.filters.passes import Pass, PassOptions, State, compose
 from fovden.filters.taps import Sigmas
 
 __all__ = ["run_passes"]
 
-MOST_LABELS = 31
+NOWHERE = 31
+"""A label that no pass has: the pixels where nothing is filtered."""
+
 TENSORS = ("radiance", "normal", "position", "mask", "known", "region", "inverse", "factors", "kernels")
 GRADIENTS = ("radiance", "normal", "position", "mask", "inverse", "factors", "kernels")
 
@@ -105,6 +108,7 @@ def _remember(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, ...]) -> 
 
 def _backward(ctx: Any, gradient: Tensor | None, _: Any, mask_gradient: Tensor | None, __: Any) -> tuple[Any, ...]:
     *tensors, image, tape = ctx.saved_tensors
+    require(len(tape) > 0, "save", False, "True where gradients are wanted")
     gradient = torch.zeros_like(image) if gradient is None else gradient
     everything = any(ctx.needs_input_grad[1:4])
     fill = ctx.numbers[3]
@@ -264,7 +268,7 @@ def run_passes(
     taps = mask
     if options.mask_at == "center":
         inside = torch.zeros_like(mask, dtype=torch.uint8) if region is None else region
-        region, taps = torch.where(mask > 0, inside, MOST_LABELS), torch.ones_like(mask)
+        region, taps = torch.where(mask > 0, inside, NOWHERE), torch.ones_like(mask)
     widths = [
         torch.stack([torch.as_tensor(sigma, dtype=dtype) for sigma in (s.radiance, step * s.normal, s.position)])
         for step, s, *_ in passes
@@ -308,4 +312,5 @@ def _can_fuse(state: State, passes: Sequence[Pass], options: PassOptions) -> boo
         and options.unsampled_guide != "nearest"
         and options.border == "skip"
         and (not any(kernels) or (all(kernels) and not joined))
+        and all(0 <= each.label < NOWHERE for each in passes)
     )

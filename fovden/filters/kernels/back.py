@@ -271,7 +271,6 @@ def gather_runs(
         view = view_of(0, image, mask, mask, guides)
         width, plane = view.width, view.plane
         inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
-        ratios = advanced(pointer_to(passes.ratios), 25 * number)
         for k in range(TAP_SUMS):
             run_taps[k] = ZERO
         for k in range(WIDTH_SUMS):
@@ -284,13 +283,13 @@ def gather_runs(
                 v = y + (j - 2) * step
                 if v < 0 or v >= view.height:
                     continue
-                row_taps, back, row_ratios = advanced(taps, 5 * j), advanced(taps, 20 - 5 * j), advanced(ratios, 5 * j)
+                row_taps, back = advanced(taps, 5 * j), advanced(taps, 20 - 5 * j)
                 row_sums = advanced(run_taps, 5 * WIDTH * j)
                 for block in range(count):
                     x, sums = (left + block) * WIDTH, advanced(all_sums, SUMS * block)
                     gather_taps(
                         view, shares, everything, y * width + x, v * width + x, x, step, inverse, row_taps, back,
-                        row_ratios, sums, row_sums,
+                        sums, row_sums,
                     )  # fmt: skip
             for block in range(count):
                 x, sums = (left + block) * WIDTH, advanced(all_sums, SUMS * block)

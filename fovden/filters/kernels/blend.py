@@ -47,13 +47,11 @@ class Passes(NamedTuple):
         labels: The label of the pixels that it works on, (p).
         inverse: Inverse squared widths of radiance, normal and position, (p, 3).
         taps: log2 of the kernel, (p, 25).
-        ratios: The kernel of a tap seen the other way round, over its own, (p, 25).
     """
 
     labels: Any
     inverse: Any
     taps: Any
-    ratios: Any
 
 
 class Guides(NamedTuple):

@@ -8,8 +8,8 @@ the other way round. Then, with the squared differences e of each feature and th
     ds(x) = -sum w(x, y) P e,        dmask(x) = sum w(y, x) R / mask(x).
 
 Every pixel gathers from its taps, in either direction at once, and writes to its own place alone: no two threads meet,
-and the result does not depend on how many there are. Where all pixels of a pass share their widths, one power serves
-both directions.
+and the result does not depend on how many there are. Where all pixels of a pass share their widths, and its kernel is
+the B3 spline, which is the same from either side, one power serves both directions.
 """
 
 from __future__ import annotations
@@ -36,14 +36,15 @@ from fovden.simd import (
     load,
     pointer_to,
     splat,
+    stack_floats,
     store,
 )
 
-BLOCKS = 8  # blocks that a row of taps is gathered from before the next row
 IMAGE, WIDTHS, NORMAL, POSITION, MASK, GATHERED = 0, 3, 6, 9, 12, 13  # sums of a block
 SUMS = GATHERED * WIDTH
 # Derivatives of powers of two leave out 2 ln 2 until the end; what comes by another way is divided by it before.
 HALF_LOG2_E = np.float32(0.5) * LOG2_E
+VECTORS = vectorised()
 
 
 class Shares(NamedTuple):
@@ -52,7 +53,7 @@ class Shares(NamedTuple):
     Attributes:
         light: G and -h, of four channels.
         scales: Minus log2(e) times the pixel's own inverse squared widths, of three; read only where they differ.
-        differ: Whether they do.
+        differ: Whether they do, or the kernel may: then its gradient is summed, too.
     """
 
     light: Any
@@ -66,12 +67,12 @@ def _gather_taps(everything: bool, differ: bool) -> Any:
     @intrinsic
     def gather(
         context: Any, image: Any, normal: Any, position: Any, weight: Any, light: Any, scales: Any, plane: Any, at: Any,
-        tap: Any, x: Any, width: Any, step: Any, inverse: Any, taps: Any, back: Any, ratios: Any, sums: Any,
+        tap: Any, x: Any, width: Any, step: Any, inverse: Any, taps: Any, back: Any, sums: Any,
         tap_sums: Any,
     ) -> Any:  # fmt: skip
         def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            (image, normal, position, weight, light, scales, plane, at, tap, x, width, step, inverse, taps, back,
-             ratios, sums, tap_sums) = arguments  # fmt: skip
+            (image, normal, position, weight, light, scales, plane, at, tap, x, width, step, inverse, taps, back, sums,
+             tap_sums) = arguments  # fmt: skip
             planes = [builder.mul(plane, ir.Constant(I64, k)) for k in range(4)]
 
             def read(pointer: Any, place: Any, mask: Any, channels: int = 3) -> Any:
@@ -104,7 +105,7 @@ def _gather_taps(everything: bool, differ: bool) -> Any:
                         q = fused(squares[g], its_scale[g], q)
                     power_back = exp2(q)
                 else:
-                    its_scale, power_back = own_scale, power * number(ratios, i)
+                    its_scale, power_back = own_scale, power
                 forth, back_ = power * masked_load(builder, weight, place, mask), power_back * own_weight
                 light_forth, light_back = own_light[3], its_light[3]
                 for k in range(3):
@@ -131,8 +132,7 @@ def _gather_taps(everything: bool, differ: bool) -> Any:
                 store(builder, total[k], sums, k * WIDTH)
             return target.get_dummy_value()
 
-        floats = [FLOATS] * 6
-        return types.none(*floats, *[WORD] * 6, *floats), generate
+        return types.none(*[FLOATS] * 6, *[WORD] * 6, *[FLOATS] * 5), generate
 
     return gather
 
@@ -149,10 +149,10 @@ def gather_taps_plain(
 ) -> None:  # fmt: skip
     """Adds what a row of five taps hands back to a block's sums, one pixel after the other.
 
-    The formulas of the module's docstring, but for a factor of 2 ln 2 that :func:`finish_block` adds.
+    The formulas of the module's docstring, but for a factor of 2 ln 2, which comes when they are handed back.
     """
-    scale, its_scale, q, q_back = np.empty(3, np.float32), np.empty(3, np.float32), ZERO, ZERO
-    squares, plane = np.empty(3, np.float32), view.plane
+    scale, its_scale, squares = stack_floats(3), stack_floats(3), stack_floats(3)
+    plane = view.plane
     for lane in range(min(WIDTH, view.width - x)):
         for i in range(5):
             column = x + lane + (i - 2) * step
@@ -191,13 +191,10 @@ def gather_taps_plain(
             tap_sums[i * WIDTH + lane] += pulled
 
 
-VECTORS = vectorised()
-
-
 @inlined
 def gather_taps(
     view: View, shares: Shares, everything: bool, at: Int, tap: Int, x: Int, step: Int, inverse: Any, taps: Any,
-    back: Any, ratios: Any, sums: Any, tap_sums: Any,
+    back: Any, sums: Any, tap_sums: Any,
 ) -> None:  # fmt: skip
     """Adds what a row of five taps hands back to a block's sums, in the cheapest way that serves."""
     light, scales = pointer_to(shares.light), pointer_to(shares.scales)
@@ -206,15 +203,15 @@ def gather_taps(
     elif shares.differ:
         gather_differing_vector(
             view.image, view.normal, view.position, view.mask, light, scales, view.plane, at, tap, x, view.width, step,
-            inverse, taps, back, ratios, sums, tap_sums,
+            inverse, taps, back, sums, tap_sums,
         )  # fmt: skip
     elif everything:
         gather_all_vector(
             view.image, view.normal, view.position, view.mask, light, scales, view.plane, at, tap, x, view.width, step,
-            inverse, taps, back, ratios, sums, tap_sums,
+            inverse, taps, back, sums, tap_sums,
         )  # fmt: skip
     else:
         gather_light_vector(
             view.image, view.normal, view.position, view.mask, light, scales, view.plane, at, tap, x, view.width, step,
-            inverse, taps, back, ratios, sums, tap_sums,
+            inverse, taps, back, sums, tap_sums,
         )  # fmt: skip

@@ -17,7 +17,7 @@ WIDTH = 16
 """Pixels of a block. Where a processor's vectors are shorter, LLVM takes two or four of them."""
 
 SMALLEST_POWER = np.float32(-125.0)
-"""Powers of two stop here, so that they stay normal float32 numbers: others take a hundred times as long."""
+"""Powers of two stop here, so that they stay normal float32 numbers: others slow a processor down."""
 
 SHIFTER = np.float32(12582912.0)  # 1.5 * 2^23: adding it rounds to an integer, which is then in the lowest bits
 

@@ -133,17 +133,6 @@ def shorten(slots: Slots, slot: Int) -> None:
 
 
 @inlined
-def ask_for(accelerator: Accelerator, code: Int) -> None:
-    """Asks for the memory of a child."""
-    if code >= 0:
-        for line in range(NODE_SIZE // LINE):
-            prefetch(accelerator.nodes, code * NODE_SIZE + line * LINE)
-    else:
-        for line in range(BLOCK_SIZE // LINE):
-            prefetch(accelerator.blocks, ~code * BLOCK_SIZE + line * LINE)
-
-
-@inlined
 def next_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
     """Takes a slot's next child from its stack and asks for its memory; returns whether there is none."""
     top = slots.words[TOP + slot] - 1
@@ -152,7 +141,12 @@ def next_step(accelerator: Accelerator, slots: Slots, slot: Int) -> bool:
         return True
     code = np.int64(load_int32(slots.stacks, STACK_SIZE * slot + top))
     slots.words[TOP + slot], slots.words[CODE + slot] = top, code
-    ask_for(accelerator, code)
+    if code >= 0:
+        for line in range(NODE_SIZE // LINE):
+            prefetch(accelerator.nodes, code * NODE_SIZE + line * LINE)
+    else:
+        for line in range(BLOCK_SIZE // LINE):
+            prefetch(accelerator.blocks, ~code * BLOCK_SIZE + line * LINE)
     return False
 
 

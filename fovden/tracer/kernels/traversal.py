@@ -1,4 +1,4 @@
-"""What all walks through the acceleration structure share: its arrays, and which of a leaf block's hits count.
+"""What walks through the acceleration structure share: its arrays, keys of children, and which of a block's hits count.
 
 Of hits at the same distance the triangle of the lowest number counts: the answer is a matter of ray and triangles
 alone, and not of the order in which anything is visited.
