@@ -104,8 +104,8 @@ def run(
 @contextmanager
 def reporting(
     progress: Progress, total: int, description: str | None = None, *, unit: str = "it"
-) -> Iterator[Callable[[int], None]]:
-    """Gives a function ``report(done)`` that passes progress on; for loops that do not go through :func:`run`.
+) -> Iterator[Callable[..., None]]:
+    """Gives a function ``report(done, note="")`` that passes progress on; for loops that do not go through :func:`run`.
 
     Args:
         progress: As in :func:`run`.
@@ -115,7 +115,7 @@ def reporting(
 
     Yields:
         The function. Calls that follow the last report within a tenth of a second, or bring nothing new, are dropped,
-        except for ``done = total``.
+        except for ``done = total``. A bar shows the note behind it.
 
     Example:
         >>> with reporting(print, total=3) as report:
@@ -124,15 +124,17 @@ def reporting(
         3
     """
     if progress is None or progress is False:
-        yield lambda _: None
+        yield _keep_silent
         return
     tell = _Bar(total, description, unit) if progress is True else progress
     reported, reported_at = -1, time.monotonic()
 
-    def report(done: int) -> None:
+    def report(done: int, note: str = "") -> None:
         nonlocal reported, reported_at
         now = time.monotonic()
         if done > reported and (done == total or now - reported_at >= REPORT_EVERY):
+            if isinstance(tell, _Bar):
+                tell.note = note
             tell(done)
             reported, reported_at = done, now
 
@@ -143,6 +145,10 @@ def reporting(
             tell.close()
 
 
+def _keep_silent(done: int, note: str = "") -> None:
+    del done, note
+
+
 class _Bar:
     """A progress bar on standard error, once its work has lasted a second; in a log it is written seldom."""
 
@@ -151,6 +157,7 @@ class _Bar:
         self.options = {"total": total, "desc": description, "unit": unit, "miniters": 1, "mininterval": seconds}
         self.options["dynamic_ncols"] = True
         self.started = time.monotonic()
+        self.note = ""
         self.bar: Any = None
 
     def __call__(self, done: int) -> None:
@@ -164,6 +171,7 @@ class _Bar:
             self.bar.start_t -= elapsed
             self.bar.last_print_t -= elapsed
         if self.bar is not None:
+            self.bar.set_postfix_str(self.note, refresh=False)
             self.bar.update(done - self.bar.n)
 
     def close(self) -> None:
