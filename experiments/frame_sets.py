@@ -100,6 +100,4 @@ def frame_set(
     if len(keyframes) == 1:  # a path has two keyframes at least
         keyframes.append(keyframes[0]._replace(frame=1))
     sequence = Sequence(place.scene, CameraPath(camera, tuple(keyframes)), frames=len(place.poses[name]))
-    return FrameDataset(
-        sequence, falloff, spp, SEEDS[name], draws=draws, reference_spp=reference_spp, folder=folder
-    )
+    return FrameDataset(sequence, falloff, spp, SEEDS[name], draws=draws, reference_spp=reference_spp, folder=folder)

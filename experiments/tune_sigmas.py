@@ -1,0 +1,287 @@
+"""What do learned widths gain over ones set by hand, and do they carry over to other scenes?
+
+    python -m experiments.tune_sigmas --preset smoke
+
+Base filters frames whose every pixel was traced, NH3LD foveated ones. By hand means one set of widths for all scenes,
+found by a coarse grid for Base on the training frames of the first scene, before anything else is fitted or judged.
+Each filter is then fitted on the training frames of each scene, with several seeds, and judged on test frames: of that
+scene, and of the others. Poses and noise of training, held-out and test frames are disjoint.
+
+All of it is done twice, with the filters on radiance as it is (``literal``) and on light without albedo
+(``demodulated``); the two have folders, widths by hand and tables of their own. A run that was interrupted goes on.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import statistics
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from experiments.frame_sets import SCENES, frame_set
+from experiments.harness import run_script
+from fovden import metrics
+from fovden.comparison.methods import file_name
+from fovden.filters import NonHomogeneousAtrous
+from fovden.foveation import ThreeLayer
+from fovden.frame import Frame, Reference
+from fovden.io import atomic_write
+from fovden.results import Measurement, Run, read_metrics
+from fovden.tuning import ImageError, fit, readable
+
+__all__ = ["METHODS", "VARIANTS", "Settings", "main", "table"]
+
+METHODS: Mapping[str, Callable[..., NonHomogeneousAtrous]] = {
+    "Base": NonHomogeneousAtrous.base,
+    "NH3LD": NonHomogeneousAtrous.nh3ld,
+}
+"""The filters, the first on fully traced frames, the second on foveated ones."""
+
+LIGHTS = {"literal": False, "demodulated": True}
+
+VARIANTS: Mapping[str, Mapping[str, Any]] = {"sigmas": {}}
+"""What is learned: options of the filters."""
+
+Pair = tuple[Frame, Reference]
+Widths = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is tuned, and on what.
+
+    Attributes:
+        scenes: Names of scenes; one whose file is not there is left out.
+        resolution: Height and width of each eye's image.
+        reference_spp: Samples per pixel of the references.
+        draws: Training frames of each pose, with noise of their own, for each seed.
+        seeds: Number of fits, each with training frames and an order of its own.
+        steps: Steps of a fit.
+        grid: Values of the widths of radiance, normal and position that are tried by hand.
+        error: Terms of the error that the grid and the fits make small.
+        references: Folder of the references; ``None`` for one beside the results.
+
+    Example:
+        >>> Settings().resolution
+        (540, 480)
+    """
+
+    scenes: tuple[str, ...] = SCENES
+    resolution: tuple[int, int] = (540, 480)
+    reference_spp: int = 512
+    draws: int = 2
+    seeds: int = 3
+    steps: int = 120
+    grid: tuple[tuple[float, ...], ...] = (
+        (2, 4, 8, 16, 32),
+        (0.025, 0.05, 0.1, 0.2, 0.4),
+        (0.01, 0.02, 0.04, 0.08, 0.16),
+    )
+    error: Mapping[str, float] = field(default_factory=lambda: {"l1": 1.0, "ssim": 0.2})
+    references: str | None = None
+
+
+class Frames:
+    """The frames of the study, traced when first asked for and kept."""
+
+    def __init__(self, settings: Settings, folder: Path) -> None:
+        self.settings = settings
+        self.folder = Path(settings.references) if settings.references else folder / "references"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.kept: dict[tuple[str, str, str, int], list[Pair]] = {}
+
+    def __call__(self, scene: str, name: str, method: str, seed: int = 0) -> Pairs:
+        """Returns the frames of a set for a method; those of the training differ from seed to seed."""
+        draws = self.settings.draws if name == "train" else 1
+        data = frame_set(
+            scene, name, resolution=self.settings.resolution, falloff=ThreeLayer() if method == "NH3LD" else None,
+            draws=(seed + 1) * draws, reference_spp=self.settings.reference_spp, folder=self.folder,
+        )  # fmt: skip
+        count = draws * len(data.sequence)
+
+        def make() -> list[Pair]:
+            key = (scene, name, method, seed)
+            if key not in self.kept:
+                say(f"{scene}: {count} frames of {name} for {method}, seed {seed}")
+                items = (data[index] for index in range(seed * count, len(data)))
+                self.kept[key] = [(frame, reference) for frame, reference in items if reference is not None]
+            return self.kept[key]
+
+        return Pairs(count, make)
+
+    def forget(self, name: str) -> None:
+        """Frees the memory of a set."""
+        self.kept = {key: pairs for key, pairs in self.kept.items() if key[1] != name}
+
+
+class Pairs(Sequence[Pair]):
+    """Frames and references that are made when one of them is asked for."""
+
+    def __init__(self, count: int, make: Callable[[], list[Pair]]) -> None:
+        self.count, self.make = count, make
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.make()[index]
+
+
+def by_hand(settings: Settings, frames: Frames, scene: str, demodulate: bool) -> Widths:
+    """Returns the widths of least error for Base on the training frames of a scene, among those of a grid."""
+    error, pairs = ImageError(settings.error), frames(scene, "train", "Base")
+    best, least = (0.0, 0.0, 0.0), float("inf")
+    for widths in itertools.product(*settings.grid):
+        denoiser = METHODS["Base"](**named(widths), demodulate=demodulate)
+        with torch.no_grad():
+            losses = [float(error(denoiser(frame).image, truth.mean, frame)) for frame, truth in pairs]
+        if (loss := statistics.mean(losses)) < least:
+            best, least = (widths[0], widths[1], widths[2]), loss
+    say(f"{scene}: by hand, {named(best)}, error {least:.5f}")
+    return best
+
+
+def named(widths: Sequence[float]) -> dict[str, float]:
+    """Returns widths as keywords of the filters."""
+    return dict(zip(("sigma_radiance", "sigma_normal", "sigma_position"), widths, strict=True))
+
+
+def study(settings: Settings, light: str, folder: Path, frames: Frames) -> None:
+    """Finds widths by hand, fits, judges, and prints the table of one kind of light."""
+    with Run(folder / light, {**asdict(settings), "light": light}) as run:
+        with run.stage("grid"):
+            hand = kept_by_hand(settings, frames, light, run.folder / "by_hand.json")
+        rows: dict[str, NonHomogeneousAtrous] = {
+            f"{name}, by hand": METHODS[name](**hand, demodulate=LIGHTS[light]) for name in METHODS
+        }
+        with run.stage("fit"):
+            for scene in settings.scenes:
+                for name, seed, (variant, options) in itertools.product(
+                    METHODS, range(settings.seeds), VARIANTS.items()
+                ):
+                    row = f"{name}, {variant} of {scene}, seed {seed}"
+                    say(f"{light}: {row}")
+                    rows[row] = METHODS[name](**hand, **options, demodulate=LIGHTS[light])
+                    fit(
+                        rows[row],
+                        frames(scene, "train", name, seed),
+                        ImageError(settings.error),
+                        held_out=frames(scene, "held_out", name),
+                        steps=settings.steps,
+                        patience=4,
+                        seed=seed,
+                        folder=run.folder / "fits" / file_name(row),
+                    )
+                frames.forget("train")
+        for row, denoiser in rows.items():
+            run.measurements += [
+                Measurement("", 0, "", row, "whole", name, value) for name, value in readable(denoiser).items()
+            ]
+        with run.stage("judge"):
+            for scene in settings.scenes:
+                run.measurements += judge(frames, scene, rows)
+    print(f"\n{light}\n{table(read_metrics(run.folder))}")
+
+
+def kept_by_hand(settings: Settings, frames: Frames, light: str, path: Path) -> dict[str, float]:
+    """Returns the widths by hand, from the file where that is there, which else it writes."""
+    if not path.exists():
+        hand = by_hand(settings, frames, settings.scenes[0], LIGHTS[light])
+        with atomic_write(path) as temporary:
+            temporary.write_text(json.dumps(named(hand)) + "\n", encoding="utf-8")
+    widths: dict[str, float] = json.loads(path.read_text(encoding="utf-8"))
+    return widths
+
+
+def judge(frames: Frames, scene: str, rows: Mapping[str, NonHomogeneousAtrous]) -> list[Measurement]:
+    """Returns the scores of the noisy frames and of all filters on the test frames of a scene, whole and by layer."""
+    say(f"judge on {scene}")
+    found = []
+    for pose, ((full, truth), (foveated, _)) in enumerate(
+        zip(*(frames(scene, "test", n) for n in METHODS), strict=True)
+    ):
+        images = {"Noisy, full": full.radiance, "Noisy, foveated": foveated.radiance}
+        with torch.no_grad():
+            images |= {row: rows[row](full if row.startswith("Base") else foveated).image for row in rows}
+        scores = metrics.compare(images, truth, layer=foveated.layer).scores
+        found += [Measurement(scene, pose, s.view, s.method, s.region, s.metric, s.value) for s in scores]
+    return found
+
+
+def table(measurements: Sequence[Measurement], names: Sequence[str] = ("rmse", "psnr", "ssim", "flip")) -> str:
+    """Returns the means over test poses and eyes, with the spread over the seeds, and what the other scenes' fits give.
+
+    Example:
+        >>> rows = [Measurement("atrium", 0, 0, "Base, by hand", "whole", "rmse", 0.5)]
+        >>> print(table(rows, ["rmse"]))
+        scene   method         rmse
+        atrium  Base, by hand  0.5000
+    """
+    measurements = [row for row in measurements if row.scene]
+    scenes = list(dict.fromkeys(row.scene for row in measurements))
+    values: dict[tuple[str, str, str], dict[str, list[float]]] = {}
+    for row in measurements:
+        if row.region != "whole":
+            continue
+        method, _, seed = row.method.partition(", seed ")
+        if " of " in method:
+            kind, _, source = method.rpartition(" of ")
+            method = kind if source == row.scene else f"{kind} of others"
+            seed = seed if source == row.scene else f"{source} {seed}"
+        values.setdefault((row.scene, method, row.metric), {}).setdefault(seed, []).append(row.value)
+    lines = [["scene", "method", *names]]
+    for scene in scenes:
+        for method in dict.fromkeys(key[1] for key in values if key[0] == scene):
+            cells = []
+            for name in names:
+                means = [statistics.mean(each) for each in values[scene, method, name].values()]
+                spread = f" ± {statistics.stdev(means):.4f}" if len(means) > 1 else ""
+                cells.append(f"{statistics.mean(means):.4f}{spread}")
+            lines.append([scene, method, *cells])
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    padded = ("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
+    return "\n".join(line.rstrip() for line in padded)
+
+
+def say(line: str) -> None:
+    """Says on standard error what is being done."""
+    sys.stderr.write(line + "\n")
+
+
+def run(settings: Settings, folder: Path) -> None:
+    """Does the study with both kinds of light."""
+    frames = Frames(settings, folder)
+    for light in LIGHTS:
+        study(settings, light, folder, frames)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the script and returns the exit status."""
+    presets: dict[str, Callable[[], Settings]] = {
+        "smoke": lambda: Settings(
+            ("atrium", "forest"), (64, 64), 16, draws=1, seeds=2, steps=3, grid=((4, 8), (0.1,), (0.03,))
+        ),
+        "full": lambda: Settings(scenes=present(SCENES), references=os.environ.get("FOVDEN_REFERENCES")),
+    }
+    return run_script("tune_sigmas", str(__doc__), presets, run, arguments)
+
+
+def present(scenes: Sequence[str]) -> tuple[str, ...]:
+    """Returns the scenes without those whose files are not there."""
+    from experiments.compare_denoisers import sponza  # noqa: PLC0415
+
+    there = Path(sponza().view.scene).is_file()
+    if not there:
+        say("sponza is left out: set FOVDEN_SCENES to the folder of real scenes")
+    return tuple(scene for scene in scenes if there or scene != "sponza")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
