@@ -64,6 +64,7 @@ class Settings:
         draws: Training frames of each pose, with noise of their own, for each seed.
         seeds: Number of fits, each with training frames and an order of its own.
         steps: Steps of a fit.
+        learning_rate: Of Adam, for the logarithms of the widths.
         grid: Values of the widths of radiance, normal and position that are tried by hand.
         error: Terms of the error that the grid and the fits make small.
         references: Folder of the references; ``None`` for one beside the results.
@@ -78,7 +79,8 @@ class Settings:
     reference_spp: int = 512
     draws: int = 2
     seeds: int = 3
-    steps: int = 120
+    steps: int = 60
+    learning_rate: float = 0.1
     grid: tuple[tuple[float, ...], ...] = (
         (2, 4, 8, 16, 32),
         (0.025, 0.05, 0.1, 0.2, 0.4),
@@ -175,6 +177,7 @@ def study(settings: Settings, light: str, folder: Path, frames: Frames) -> None:
                         ImageError(settings.error),
                         held_out=frames(scene, "held_out", name),
                         steps=settings.steps,
+                        learning_rate=settings.learning_rate,
                         patience=4,
                         seed=seed,
                         folder=run.folder / "fits" / file_name(row),
