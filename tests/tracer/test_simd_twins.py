@@ -74,12 +74,12 @@ def nearest_by_plain(nodes, base, ray, answer):
 
 @kernel
 def likeliest_by_vector(nodes, base, ray, answer):
-    return boxes.push_likeliest_vector(nodes, base, ray, answer, advanced(answer, 16), 3)
+    return boxes.push_likeliest_vector(nodes, base, ray, advanced(answer, 16), 3)
 
 
 @kernel
 def likeliest_by_plain(nodes, base, ray, answer):
-    return boxes.push_likeliest_plain(nodes, base, ray, answer, advanced(answer, 16), 3)
+    return boxes.push_likeliest_plain(nodes, base, ray, advanced(answer, 16), 3)
 
 
 @kernel
