@@ -321,10 +321,10 @@ def occluded(
     if backend == "torch":
         structure = decoded(*(part.to(origins.device) for part in bvh))
         return closest_hits(structure, *rays, any_hit=True, geometry=geometry)[3] >= 0
-    prim = torch.empty(len(rays[2]), dtype=torch.int32)
-    arrays = (tensor.numpy() for tensor in (*rays, prim))
-    parallel.run(streams.any_hits, len(prim), (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
-    return (prim >= 0).to(origins.device)
+    hit = torch.empty(len(rays[2]), dtype=torch.bool)
+    arrays = (tensor.numpy() for tensor in (*rays, hit))
+    parallel.run(streams.any_hits, len(hit), (*_arrays(bvh, geometry), *arrays), tile=RAYS_PER_TILE)
+    return hit.to(origins.device)
 
 
 def _arrays(bvh: Bvh, geometry: tuple[Any, ...] | None) -> tuple[object, ...]:

@@ -250,6 +250,21 @@ def test_the_limit_is_open_and_in_units_of_the_direction():
     assert hits.t[expected].eq(2.0).all()
 
 
+def test_neighbours_that_are_stopped_do_not_stop_a_ray():
+    """Rows of rays towards two lights, which the same triangles stop in turn; first hits know nothing of neighbours."""
+    bvh = build_bvh(*soup(150))
+    across, down = torch.meshgrid(torch.linspace(-2, 2, 160), torch.linspace(-2, 2, 160), indexing="ij")
+    origins = torch.stack([across, torch.full_like(across, -2.0), down], -1).reshape(-1, 3)
+    lights = torch.tensor([[1.0, 3.0, 0.5], [-1.5, 2.5, -0.5]])
+    directions = lights[torch.randint(2, (len(origins),), generator=generator(6))] - origins
+    limits = 1.2 * torch.rand(len(origins), generator=generator(7))
+    stopped = intersect(bvh, origins, directions, limits).prim >= 0
+    assert 0.2 < float(stopped.float().mean()) < 0.8
+    assert torch.equal(occluded(bvh, origins, directions, limits), stopped)
+    shuffled = torch.randperm(len(origins), generator=generator(8))
+    assert torch.equal(occluded(bvh, origins[shuffled], directions[shuffled], limits[shuffled]), stopped[shuffled])
+
+
 def test_a_hit_behind_the_origin_is_none():
     bvh = build_bvh(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]]))
     origins = torch.tensor([[0.25, 0.25, -4.0], [0.25, 0.25, 0.0]])  # behind, and on it

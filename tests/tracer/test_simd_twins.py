@@ -17,13 +17,21 @@ from fovden.tracer.kernels import boxes
 from fovden.tracer.kernels.layout import (
     BLOCK_SIZE,
     CHILDREN,
+    FAR,
+    FAR_AT,
+    HIT_PRIM,
+    NEAR,
+    NEAR_AT,
+    NEAR_ROWS,
     NODE_SIZE,
+    ORIGIN,
     RAY_SIZE,
     RESULTS_SIZE,
+    SHEAR,
     UPPER,
     WIDTH,
 )
-from fovden.tracer.kernels.rays import prepare
+from fovden.tracer.kernels.rays import is_traceable, prepare, prepare_axes_plain, prepare_axes_vector
 from fovden.tracer.kernels.triangles import hit_triangles_plain, hit_triangles_vector
 
 permutes = pytest.mark.skipif(not boxes.has_permutation(), reason="the processor does not permute eight lanes")
@@ -66,12 +74,12 @@ def nearest_by_plain(nodes, base, ray, answer):
 
 @kernel
 def likeliest_by_vector(nodes, base, ray, answer):
-    return boxes.push_likeliest_vector(nodes, base, ray, answer, advanced(answer, 16), 3)
+    return boxes.push_likeliest_vector(nodes, base, ray, advanced(answer, 16), 3)
 
 
 @kernel
 def likeliest_by_plain(nodes, base, ray, answer):
-    return boxes.push_likeliest_plain(nodes, base, ray, answer, advanced(answer, 16), 3)
+    return boxes.push_likeliest_plain(nodes, base, ray, advanced(answer, 16), 3)
 
 
 @kernel
@@ -110,6 +118,15 @@ def prepare_all(numbers, t_max, rays):
 
 
 @kernel
+def axes_of_all(numbers, by_vector, by_plain, scales, traceable):
+    for i in range(len(numbers)):
+        r = numbers[i]
+        scales[0, i] = prepare_axes_vector(pointer_to(by_vector[i]), r[0], r[1], r[2], r[3], r[4], r[5])
+        scales[1, i] = prepare_axes_plain(pointer_to(by_plain[i]), r[0], r[1], r[2], r[3], r[4], r[5])
+        traceable[i] = is_traceable(r[0], r[1], r[2], r[3], r[4], r[5])
+
+
+@kernel
 def scalars(numbers, integers, zeros, bits, loaded, stored, sums):
     for i in range(len(numbers)):
         zeros[i] = trailing_zeros(integers[i])
@@ -144,6 +161,23 @@ def random_nodes(special):
         -(2**31), 2**31 - 1, (COUNT, 16), generator=generator(2)
     ).int()
     return nodes
+
+
+@pytest.mark.parametrize("special", [0.0, 0.05, 0.5])
+def test_rays(special):
+    values = numbers((COUNT, 6), special, seed=14)
+    values[::3, 3:] *= torch.exp2(torch.randint(-140, 127, (len(values[::3]), 3), generator=generator(15)))
+    by_vector, by_plain, scales = torch.zeros(COUNT, RAY_SIZE), torch.zeros(COUNT, RAY_SIZE), torch.zeros(2, COUNT)
+    traceable = torch.zeros(COUNT, dtype=torch.bool)
+    axes_of_all(values.numpy(), by_vector.numpy(), by_plain.numpy(), scales.numpy(), traceable.numpy())
+    assert len(scales[0].unique()) == 3
+    assert int(traceable.sum()) > 1000
+    assert torch.equal(scales[0][traceable], scales[1][traceable])
+    used = [place + axis for place in (NEAR, NEAR_AT, FAR, FAR_AT, ORIGIN, SHEAR) for axis in range(3)]
+    for places, kind in ((used, torch.float32), ([*range(NEAR_ROWS, HIT_PRIM)], torch.int32)):
+        mine, other = (rays.view(kind)[traceable][:, places] for rays in (by_vector, by_plain))
+        same = (mine.view(torch.int32) == other.view(torch.int32)) | (mine.isnan() & other.isnan())
+        assert bool(same.all())
 
 
 @pytest.mark.parametrize("special", [0.0, 0.05, 0.5])

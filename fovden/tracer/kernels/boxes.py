@@ -159,8 +159,8 @@ def _permuted(lanes: Lanes, order: Any) -> Lanes:
     return Lanes(lanes.builder, lanes.builder.call(function, [lanes.value, order]))
 
 
-def _push(builder: Any, kept: Lanes, entry: Lanes, codes: Lanes, distances: Any, stack: Any, top: Any) -> Any:
-    """Writes the kept lanes side by side at ``top``, and something beyond; returns the new top."""
+def _push(builder: Any, kept: Lanes, stacks: list[tuple[Lanes, Any]], top: Any) -> Any:
+    """Writes the kept lanes side by side at ``top`` of their stacks, and something beyond; returns the new top."""
     name = "fovden_kept_lanes"
     if name not in builder.module.globals:
         table = bytearray()
@@ -171,71 +171,68 @@ def _push(builder: Any, kept: Lanes, entry: Lanes, codes: Lanes, distances: Any,
     bits = kept.bits()
     table = builder.bitcast(builder.module.globals[name], BYTES.as_pointer())
     order = builder.zext(builder.load(builder.gep(table, [builder.zext(bits, I64)]), align=8), EIGHT)
-    for lanes, pointer in ((entry, distances), (codes, stack)):
+    for lanes, pointer in stacks:
         place = builder.bitcast(builder.gep(pointer, [top]), lanes.value.type.as_pointer())
         builder.store(_permuted(lanes, order).value, place, align=4)
     return builder.add(top, builder.zext(builder.ctpop(bits), I64))
 
 
-def _push_boxes(*, nearest: bool) -> Any:
-    @intrinsic
-    def push(context: Any, nodes: Any, base: Any, ray: Any, distances: Any, stack: Any, top: Any) -> Any:
-        def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            nodes, base, ray, distances, stack, top = arguments
-            node = builder.gep(nodes, [base])
-            entry, leave = _slabs(builder, node, ray)
-            codes = load(builder, node, CHILDREN, WIDTH, I32)
-            if nearest:
-                place = builder.gep(node, [builder.add(integer(builder, ray, OCTANT), ir.Constant(I64, ORDERS))])
-                packed = splat(builder, builder.load(builder.bitcast(place, I32.as_pointer())), WIDTH).value
-                order = builder.lshr(packed, ir.Constant(EIGHT, [4 * lane for lane in range(WIDTH)]))
-                entry, leave, codes = (_permuted(lanes, order) for lanes in (entry, leave, codes))
-            return _push(builder, entry <= leave, entry, codes, distances, stack, top)
+@intrinsic
+def push_nearest_vector(context: Any, nodes: Any, base: Any, ray: Any, distances: Any, stack: Any, top: Any) -> Any:
+    """Puts the children of a node that a ray meets on its stack, the nearest, in its octant's order, on top.
 
-        return types.int64(FLOATS, types.int64, FLOATS, FLOATS, FLOATS, types.int64), generate
+    Called with the nodes, where the node begins, the ray, its stack's entry distances and child codes (int32), and the
+    number of entries; returns the new number. Seven entries above the top are overwritten.
+    """
 
-    return push
+    def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        nodes, base, ray, distances, stack, top = arguments
+        node = builder.gep(nodes, [base])
+        place = builder.gep(node, [builder.add(integer(builder, ray, OCTANT), ir.Constant(I64, ORDERS))])
+        packed = splat(builder, builder.load(builder.bitcast(place, I32.as_pointer())), WIDTH).value
+        order = builder.lshr(packed, ir.Constant(EIGHT, [4 * lane for lane in range(WIDTH)]))
+        met = (*_slabs(builder, node, ray), load(builder, node, CHILDREN, WIDTH, I32))
+        entry, leave, codes = (_permuted(lanes, order) for lanes in met)
+        return _push(builder, entry <= leave, [(entry, distances), (codes, stack)], top)
 
-
-push_nearest_vector = _push_boxes(nearest=True)
-"""Puts the children of a node that a ray meets on its stack, the nearest, in the order of the ray's octant, on top.
-
-Called with the nodes, where the node begins, the ray, its stack's entry distances and child codes (int32), and the
-number of entries; returns the new number. Seven entries above the top are overwritten.
-"""
-
-push_likeliest_vector = _push_boxes(nearest=False)
-"""The same, the last child on top."""
+    return types.int64(FLOATS, types.int64, FLOATS, FLOATS, FLOATS, types.int64), generate
 
 
-@inlined
-def push_lane(nodes: Any, base: Int, lane: Int, mask: Int, entries: Any, distances: Any, stack: Any, top: Int) -> Int:
-    """Puts a child on the stack if it is in the mask of those that the ray meets; returns the new number of entries."""
-    if (mask >> np.int32(lane)) & np.int32(1):
-        distances[top] = entries[lane]
-        store_int32(stack, top, load_int32(nodes, base + CHILDREN + lane))
-        top += 1
-    return top
+@intrinsic
+def push_likeliest_vector(context: Any, nodes: Any, base: Any, ray: Any, stack: Any, top: Any) -> Any:
+    """The same for a stack of child codes alone, the last child on top."""
+
+    def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        nodes, base, ray, stack, top = arguments
+        node = builder.gep(nodes, [base])
+        entry, leave = _slabs(builder, node, ray)
+        return _push(builder, entry <= leave, [(load(builder, node, CHILDREN, WIDTH, I32), stack)], top)
+
+    return types.int64(FLOATS, types.int64, FLOATS, FLOATS, types.int64), generate
 
 
 @inlined
 def push_nearest_plain(nodes: Any, base: Int, ray: Any, distances: Any, stack: Any, top: Int) -> Int:
-    """:data:`push_nearest_vector`, one child after the other."""
+    """:func:`push_nearest_vector`, one child after the other."""
     entries, order = stack_floats(WIDTH), load_int32(nodes, base + ORDERS + load_int32(ray, OCTANT))
     mask = hit_boxes(nodes, base, ray, entries)
     for place in range(WIDTH):
         lane = np.int64(order >> np.int32(4 * place)) & np.int64(7)
-        top = push_lane(nodes, base, lane, mask, entries, distances, stack, top)
+        if (mask >> np.int32(lane)) & np.int32(1):
+            distances[top] = entries[lane]
+            store_int32(stack, top, load_int32(nodes, base + CHILDREN + lane))
+            top += 1
     return top
 
 
 @inlined
-def push_likeliest_plain(nodes: Any, base: Int, ray: Any, distances: Any, stack: Any, top: Int) -> Int:
-    """:data:`push_likeliest_vector`, one child after the other."""
-    entries = stack_floats(WIDTH)
-    mask = hit_boxes(nodes, base, ray, entries)
+def push_likeliest_plain(nodes: Any, base: Int, ray: Any, stack: Any, top: Int) -> Int:
+    """:func:`push_likeliest_vector`, one child after the other."""
+    mask = hit_boxes(nodes, base, ray, stack_floats(WIDTH))
     for lane in range(WIDTH):
-        top = push_lane(nodes, base, np.int64(lane), mask, entries, distances, stack, top)
+        if (mask >> np.int32(lane)) & np.int32(1):
+            store_int32(stack, top, load_int32(nodes, base + CHILDREN + lane))
+            top += 1
     return top
 
 
@@ -253,7 +250,8 @@ def drop_far_vector(context: Any, distances: Any, stack: Any, first: Any, top: A
         codes = load(builder, stack, first, WIDTH, I32, align=4)
         rest = splat(builder, builder.trunc(builder.sub(end, first), I32), WIDTH).value
         used = Lanes(builder, builder.icmp_signed("<", ir.Constant(EIGHT, list(range(WIDTH))), rest))
-        return _push(builder, (entry <= splat(builder, limit, WIDTH)) & used, entry, codes, distances, stack, top)
+        kept = (entry <= splat(builder, limit, WIDTH)) & used
+        return _push(builder, kept, [(entry, distances), (codes, stack)], top)
 
     return types.int64(FLOATS, FLOATS, types.int64, types.int64, types.int64, types.float32), generate
 

@@ -11,7 +11,8 @@ A leaf block is 80 float32 (320 bytes): nine rows of eight coordinates (first ve
 and a row of eight int32 triangle numbers, to which CUTOUT is added where a triangle has holes. Unused lanes, and
 triangles whose corners lie in a line, are all zeros, which every ray misses. A large triangle may be in several blocks.
 
-A ray is 32 float32, two cache lines; what each is for stands with :func:`fovden.tracer.kernels.rays.prepare`.
+A ray is 32 float32, two cache lines; what each is for stands with :func:`fovden.tracer.kernels.rays.prepare`. What is
+written for three axes at once has four places, of which the last is something else.
 """
 
 WIDTH = 8
@@ -27,10 +28,9 @@ MAX_BINARY_DEPTH = 48  # deeper nodes are split at the median, which bounds the 
 STACK_SIZE = 640  # at most 7 entries are left behind at each of at most 48 + 28 levels
 
 RAY_SIZE = 32
-NEAR, NEAR_AT, FAR, FAR_AT = 0, 3, 6, 9  # x, y, z each
-ORIGIN, SHEAR = 12, 15  # along the permuted axes
-LIMIT, HIT_U, HIT_V = 18, 19, 20
-NEAR_ROWS, VERTEX_ROWS, OCTANT, HIT_PRIM = 21, 24, 27, 28  # int32
-SCALE = 29
+NEAR, NEAR_AT, FAR, FAR_AT = 0, 4, 8, 12  # x, y, z each
+ORIGIN, SHEAR = 16, 20  # along the permuted axes
+HIT_U, HIT_V, SCALE, LIMIT = 3, 7, 11, 23
+NEAR_ROWS, VERTEX_ROWS, OCTANT, HIT_PRIM = 24, 28, 27, 31  # int32
 
 RESULTS_SIZE = 32  # t, u and v of a block's triangles

@@ -65,6 +65,21 @@ def keep_nearest(accelerator: Accelerator, base: Int, mask: Int, results: Any, r
 
 
 @inlined
+def is_any_solid(accelerator: Accelerator, base: Int, mask: Int, results: Any) -> bool:
+    """Whether any of a block's hits has no hole there."""
+    if not accelerator.holes:
+        return True
+    while mask != 0:
+        lane = np.int64(trailing_zeros(mask))
+        mask &= mask - 1
+        number = np.int64(load_int32(accelerator.blocks, base + PRIMITIVES + lane))
+        solid = number & np.int64(CUTOUT) == 0
+        if solid or is_solid(accelerator, number, results[WIDTH + lane], results[2 * WIDTH + lane]):
+            return True
+    return False
+
+
+@inlined
 def found(ray: Any) -> tuple[Float, Float, Float, Int]:
     """What a ray has met: t, u, v and the triangle."""
     prim = load_int32(ray, HIT_PRIM)
