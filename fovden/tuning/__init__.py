@@ -4,7 +4,7 @@
 ``FrameDataset``, or from files of any renderer.
 """
 
-from fovden.tuning.fit import Fit, fit
+from fovden.tuning.fit import Fit, Pairs, fit
 from fovden.tuning.history import Record, read_history
 from fovden.tuning.objective import ImageError, Objective
 from fovden.tuning.parameters import load_parameters, readable, save_parameters
@@ -14,6 +14,7 @@ __all__ = [
     "Fit",
     "ImageError",
     "Objective",
+    "Pairs",
     "Record",
     "Trial",
     "fit",

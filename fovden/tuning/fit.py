@@ -17,9 +17,9 @@ from fovden.checks import require, require_integer, require_number, require_shap
 from fovden.filters import Denoiser
 from fovden.frame import Frame, Reference
 from fovden.parallel import Progress, reporting
+from fovden.tuning._session import Session
 from fovden.tuning.history import Record
 from fovden.tuning.objective import ImageError, Objective
-from fovden.tuning.session import Session
 
 __all__ = ["Fit", "Pairs", "fit"]
 

@@ -77,7 +77,7 @@ def write_history(folder: str | os.PathLike[str], records: Iterable[Record]) -> 
 
 
 def read_history(folder: str | os.PathLike[str]) -> list[Record]:
-    """Returns the records that :func:`write_history` wrote, to the bit.
+    """Returns the records that :func:`fovden.tuning.history.write_history` wrote, to the bit.
 
     Args:
         folder: The folder.

@@ -104,6 +104,7 @@ VIOLATIONS = {
     "figures": ("fovden/metrics/image.py", "from matplotlib import pyplot"),
     "pages": ("fovden/results.py", "import jinja2"),
     "metrics": ("fovden/filters/atrous.py", "import kornia.metrics"),
+    "search": ("fovden/tuning/fit.py", "import optuna"),
     "bars": ("fovden/tracer/reference.py", "from tqdm import tqdm"),
 }
 
