@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn, TextIO, TypedDict
 
-from fovden.cli import commands, options, scenes
+from fovden.cli import commands, options, scenes, tune
 
 __all__ = ["build_parser", "main"]
 
@@ -139,6 +139,7 @@ def build_parser() -> argparse.ArgumentParser:
         _add_reference,
         _add_denoise,
         _add_compare,
+        _add_tune,
         _add_demo,
         _add_scenes,
         _add_figures,
@@ -216,9 +217,7 @@ def _add_reference(add: Callable[..., argparse.ArgumentParser]) -> None:
 def _add_denoise(add: Callable[..., argparse.ArgumentParser]) -> None:
     parser = add("denoise", help="clean a frame", **_texts(DENOISE, DENOISE_EXAMPLES))
     parser.add_argument("frame", type=Path, metavar="FRAME", help="the frame, an OpenEXR file")
-    parser.add_argument(
-        "--method", choices=("base", "nh2ld", "nh3ld"), default="nh3ld", help="passes by layer; default: nh3ld"
-    )
+    parser.add_argument("--method", choices=list(tune.METHODS), default="nh3ld", help="passes by layer; default: nh3ld")
     parser.add_argument(
         "--levels",
         type=options.levels,
@@ -226,6 +225,12 @@ def _add_denoise(add: Callable[..., argparse.ArgumentParser]) -> None:
         help="passes of each layer, innermost first; overrides --method",
     )
     _add_demodulate(parser)
+    parser.add_argument(
+        "--parameters",
+        type=Path,
+        metavar="FILE",
+        help="learned widths, written by `fovden tune` with the same method and light",
+    )
     parser.add_argument(
         "--exposure",
         type=options.positive_number,
@@ -259,6 +264,10 @@ def _add_compare(add: Callable[..., argparse.ArgumentParser]) -> None:
     options.add_gaze(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
     parser.set_defaults(command=commands.compare)
+
+
+def _add_tune(add: Callable[..., argparse.ArgumentParser]) -> None:
+    tune.add_options(add("tune", help="learn parameters", **_texts(tune.DESCRIPTION, tune.EXAMPLES)))
 
 
 def _add_demo(add: Callable[..., argparse.ArgumentParser]) -> None:

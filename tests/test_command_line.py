@@ -20,8 +20,9 @@ from fovden.filters import NonHomogeneousAtrous
 from fovden.foveation import Gaze, ThreeLayer, sample_map
 from fovden.io import load_frame, load_image, load_reference
 from fovden.tracer import DirectionalLight, PointLight, make_scene, trace_frame
+from fovden.tuning import load_parameters
 
-COMMANDS = ["render", "reference", "denoise", "compare", "demo", "scenes", "figures", "report"]
+COMMANDS = ["render", "reference", "denoise", "compare", "tune", "demo", "scenes", "figures", "report"]
 SQUARE = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n"
 
 
@@ -131,6 +132,42 @@ def test_denoise_writes_what_the_module_makes(folder, frame, words, levels):
         expected = NonHomogeneousAtrous(levels)(frame).image
     assert torch.equal(load_image(folder / "clean.exr"), expected)
     assert pixels_of(folder / "clean.png").shape == (24, 40, 3)
+
+
+def test_tune_learns_what_denoise_reads(folder, capsys):
+    words = ["tune", "cornell_box", "--resolution", "24x20", "--frames", "3", "--reference-spp", "16", "--steps", "4"]
+    assert main([*words, "-o", "tuned"]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"edge_stopping\.2\.sigma_position +0\.03 -> +0\.0", said)
+    assert re.search(r"Frames held out: error [\d.]+ -> [\d.]+ at step \d", said)
+    names = {path.name for path in (folder / "tuned").iterdir()}
+    assert names >= {"parameters.safetensors", "parameters.json", "history.csv", "history.png", "after.png"}
+    assert main([*words, "-o", "tuned"]) == 0  # nothing is left to be done
+    assert capsys.readouterr().out == said
+
+    main(["render", "cornell_box", "--resolution", "24x20", "-o", "frame.exr"])
+    learned = NonHomogeneousAtrous()
+    load_parameters(learned, folder / "tuned" / "parameters.safetensors")
+    assert main(["denoise", "frame.exr", "--parameters", "tuned/parameters.safetensors", "-o", "clean.exr"]) == 0
+    with torch.no_grad():
+        assert torch.allclose(load_image(folder / "clean.exr"), learned(load_frame(folder / "frame.exr")).image)
+    wrong = ["denoise", "frame.exr", "--method", "base", "--parameters", "tuned/parameters.safetensors"]
+    assert main([*wrong, "-o", "clean.exr"]) == 2
+    assert "levels: expected [5], as in the module, got [3, 4, 5]" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("frame")
+def test_tune_takes_frames_from_files(capsys):
+    main(["reference", "cornell_box", "--resolution", "24x20", "--spp", "16", "-o", "truth.exr"])
+    pair = ["--pair", "frame.exr", "truth.exr"]
+    assert main(["tune", *pair, *pair, "--steps", "2", "--error", "smape", "-o", "tuned"]) == 0
+    capsys.readouterr()
+    assert main(["tune", *pair, "--steps", "2", "-o", "other"]) == 2
+    assert "--held-out: expected fewer than the 1 frames there are, got 1" in capsys.readouterr().err
+    assert main(["tune", "-o", "other"]) == 2
+    assert "SCENE: expected a scene, or --pair, not both" in capsys.readouterr().err
+    assert main(["tune", "atrium", "--error", "best", "-o", "other"]) == 2
+    assert "expected names of smape" in capsys.readouterr().err
 
 
 def test_denoise_to_a_picture_alone_at_a_given_exposure(folder, frame):

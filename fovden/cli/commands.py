@@ -11,12 +11,14 @@ from torch import Tensor
 
 from fovden import color
 from fovden.cli.options import compare_settings, gaze_of, scene_settings
+from fovden.cli.tune import METHODS
 from fovden.comparison import PRESETS, CompareSettings, compare_denoisers, summary
 from fovden.filters import NonHomogeneousAtrous
 from fovden.foveation import ThreeLayer, sample_map
 from fovden.io import load_frame, save_frame, save_image, save_png, save_reference
 from fovden.results import read_metrics
 from fovden.tracer import accumulate_reference, trace_frame
+from fovden.tuning import load_parameters
 
 __all__ = ["compare", "demo", "denoise", "draw", "reference", "render", "write_page"]
 
@@ -52,8 +54,9 @@ def reference(options: argparse.Namespace) -> None:
 def denoise(options: argparse.Namespace) -> None:
     """Denoises a frame and writes the image."""
     frame = load_frame(options.frame)
-    presets = {"base": (5,), "nh2ld": (3, 5), "nh3ld": (3, 4, 5)}
-    denoiser = NonHomogeneousAtrous(options.levels or presets[options.method], demodulate=options.demodulate)
+    denoiser = NonHomogeneousAtrous(options.levels or METHODS[options.method], demodulate=options.demodulate)
+    if options.parameters is not None:
+        load_parameters(denoiser, options.parameters)
     with torch.no_grad():
         image = denoiser(frame).image
     levels = ", ".join(map(str, denoiser.levels))

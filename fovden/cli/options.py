@@ -136,8 +136,12 @@ def join_negative_values(arguments: Sequence[str]) -> list[str]:
     return joined
 
 
-def add_scene(parser: argparse.ArgumentParser) -> None:
+def add_scene(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """Adds the options that say which scene is seen, in which light, from where, and how large.
+
+    Args:
+        parser: Receives the options.
+        optional: Whether the scene may be left out.
 
     Example:
         >>> parser = argparse.ArgumentParser()
@@ -148,6 +152,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scene",
         metavar="SCENE",
+        nargs="?" if optional else None,
         help="a scene made in code (`fovden scenes` lists them) or an OBJ, glTF, GLB or PLY file in metres, y up",
     )
     light = parser.add_argument_group("light, in addition to the scene's own (a VALUE is a number or r,g,b)")
