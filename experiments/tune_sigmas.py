@@ -25,6 +25,7 @@ from typing import Any
 
 import torch
 
+from experiments.compare_denoisers import sponza
 from experiments.frame_sets import SCENES, frame_set
 from experiments.harness import run_script
 from fovden import metrics
@@ -278,8 +279,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def present(scenes: Sequence[str]) -> tuple[str, ...]:
     """Returns the scenes without those whose files are not there."""
-    from experiments.compare_denoisers import sponza  # noqa: PLC0415
-
     there = Path(sponza().view.scene).is_file()
     if not there:
         say("sponza is left out: set FOVDEN_SCENES to the folder of real scenes")

@@ -12,6 +12,9 @@ from fovden.results import read_metrics
 light_choice = pytest.importorskip("experiments.light_choice", reason="not a checkout")
 sampler_convergence = pytest.importorskip("experiments.sampler_convergence", reason="not a checkout")
 
+frame_sets = pytest.importorskip("experiments.frame_sets", reason="not a checkout")
+tune_sigmas = pytest.importorskip("experiments.tune_sigmas", reason="not a checkout")
+
 
 def test_choices_of_lights_are_compared(tmp_path, capsys):
     assert light_choice.main(["--preset", "smoke", "-o", str(tmp_path)]) == 0
@@ -41,3 +44,36 @@ def test_the_slope_is_that_of_the_line_through_the_logarithms():
     assert convergence_slope({1: 5.0, 16: 1.0, 256: 0.25}) == pytest.approx(-0.5), "few samples are left out"
     assert convergence_slope({1: 1.0, 4: 0.5}) == pytest.approx(-0.5), "unless there are no others"
     assert math.isnan(convergence_slope({64: 1.0}))
+
+
+def test_no_pose_and_no_noise_is_in_two_sets():
+    made = [scene for scene in frame_sets.SCENES if scene != "sponza"]
+    for scene in made:
+        data = {
+            name: frame_sets.frame_set(scene, name, resolution=(8, 8), reference_spp=None) for name in frame_sets.SETS
+        }
+        poses = [(each.camera.eye, each.camera.target) for set_ in data.values() for each in set_.sequence]
+        assert len(poses) == len(set(poses)) == 6
+        assert len({set_.seed for set_ in data.values()}) == 3
+    poses = [pose for poses in frame_sets.SPONZA.values() for pose in poses]
+    assert len(poses) == len(set(poses))
+
+
+def test_widths_are_tuned_and_judged_and_kept(tmp_path, capsys):
+    settings = tune_sigmas.Settings(
+        ("atrium",), (32, 32), reference_spp=4, draws=1, seeds=2, steps=2, grid=((4.0, 8.0), (0.1,), (0.03,))
+    )
+    tune_sigmas.run(settings, tmp_path)
+    tables = capsys.readouterr().out
+    for light in ("literal", "demodulated"):
+        rows = read_metrics(tmp_path / light)
+        scores = {(row.method, row.metric) for row in rows if row.scene == "atrium"}
+        for method in ("Noisy, foveated", "Base, by hand", "NH3LD, by hand", "NH3LD, sigmas of atrium, seed 1"):
+            assert {(method, metric) for metric in ("rmse", "psnr", "ssim", "flip")} <= scores
+        widths = {row.method: row.value for row in rows if row.metric == "edge_stopping.0.sigma_radiance"}
+        assert any(widths["Base, by hand"] == pytest.approx(width) for width in settings.grid[0])
+    kept = {path: path.read_bytes() for path in (tmp_path / "literal" / "fits").rglob("checkpoint.safetensors")}
+    assert len(kept) == 4
+    tune_sigmas.run(settings, tmp_path)
+    assert capsys.readouterr().out == tables
+    assert all(path.read_bytes() == content for path, content in kept.items())

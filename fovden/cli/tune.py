@@ -10,14 +10,13 @@ from pathlib import Path
 import torch
 
 from fovden import color, distributed, metrics
-from fovden.camera import Gaze
 from fovden.checks import require
 from fovden.cli import options as common
 from fovden.filters import Denoiser, NonHomogeneousAtrous
-from fovden.foveation import ThreeLayer, sample_map
+from fovden.foveation import ThreeLayer
 from fovden.frame import Frame, Reference
 from fovden.io import load_frame, load_reference, save_png
-from fovden.tracer import accumulate_reference, trace_frame
+from fovden.tracer import FrameDataset, Sequence, accumulate_reference
 from fovden.tuning import ImageError, fit, readable
 from fovden.tuning.objective import TERMS
 
@@ -134,12 +133,10 @@ def _pairs(options: argparse.Namespace) -> Iterator[Pair]:
     truth = accumulate_reference(
         scene, camera, spp=options.reference_spp, seed=options.seed, checkpoint=checkpoint, progress=first
     )
-    gaze = Gaze.center(camera)
-    for index in range(options.frames):
-        samples = None
-        if options.method != "base":
-            samples = sample_map(ThreeLayer(), camera, gaze, options.spp, options.seed, index=index)
-        yield trace_frame(scene, camera, samples or options.spp, seed=options.seed + index, index=index), truth
+    falloff = None if options.method == "base" else ThreeLayer()
+    frames = FrameDataset(Sequence(scene, camera, frames=1), falloff, options.spp, options.seed, draws=options.frames)
+    for index in range(len(frames)):
+        yield frames[index][0], truth
 
 
 def _denoised(denoiser: Denoiser, frame: Frame) -> torch.Tensor:

@@ -11,10 +11,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from fovden.checks import require
 from fovden.io import atomic_write
 from fovden.io.files import FilePath
 
-__all__ = ["load_state", "save_state"]
+__all__ = ["load_state", "load_tensors", "save_state"]
 
 TENSOR = "tensor"
 MAPPING = "items"  # keys may be numbers, which those of JSON may not
@@ -60,16 +61,37 @@ def load_state(path: FilePath) -> Any:
         >>> load_state(path)
         tensor([1, 2])
     """
+    tensors, metadata = load_tensors(path)
+    require("state" in metadata, str(path), "no state", "a file of save_state")
+    return _unpack(json.loads(metadata["state"]), tensors)
+
+
+def load_tensors(path: FilePath) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Returns the tensors of a safetensors file by name, and the words that go with them.
+
+    Args:
+        path: The file.
+
+    Raises:
+        FileNotFoundError: If it is missing.
+        ValueError: If it is damaged or something else.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "ones.safetensors"
+        >>> save_file({"ones": torch.ones(2)}, path, metadata={"unit": "metres"})
+        >>> load_tensors(path)
+        ({'ones': tensor([1., 1.])}, {'unit': 'metres'})
+    """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
         with safe_open(path, "pt") as file:
-            metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
-        return _unpack(json.loads(metadata["state"]), tensors)
-    except (SafetensorError, OSError, KeyError, TypeError, json.JSONDecodeError) as error:
-        raise ValueError(f"{path}: damaged, or not a saved state ({error!r})") from error
+            return tensors, file.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise ValueError(f"{path}: damaged, or not a safetensors file ({error})") from error
 
 
 def _pack(state: Any, tensors: dict[str, Tensor]) -> Any:

@@ -100,8 +100,9 @@ def fit(
     ``parameters.safetensors`` with the best parameters so far and ``parameters.json`` for reading,
     ``checkpoint.safetensors`` and ``config.json``.
 
-    Under ``torchrun`` the pairs of a batch are divided among the processes, whose gradients are added: the parameters
-    are those of one process, but for rounding. Every process must pass the same arguments.
+    Processes that ``torchrun`` has started, within :func:`fovden.distributed.joined`, divide the pairs of a batch among
+    themselves and add their gradients: the parameters are those of one process, but for rounding. Every process must
+    pass the same arguments.
 
     Args:
         denoiser: Any differentiable denoiser with parameters.

@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
 from fovden.checks import require
 from fovden.io import atomic_write
 from fovden.io.files import FilePath
+from fovden.tuning.checkpoint import load_tensors
 
 __all__ = ["describe", "load_parameters", "readable", "save_parameters"]
 
@@ -131,15 +131,7 @@ def load_parameters(module: nn.Module, path: FilePath) -> None:
         >>> round(edges.sigma_radiance.item(), 4)
         4.0
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    try:
-        with safe_open(path, "pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
-    except (SafetensorError, OSError) as error:
-        raise ValueError(f"{path}: damaged, or not a safetensors file ({error})") from error
+    tensors, metadata = load_tensors(path)
     require("module" in metadata, str(path), "no description of a module", "a file of save_parameters")
     _require_same(str(path), json.loads(metadata["module"]), describe(module))
     own = module.state_dict()

@@ -126,8 +126,6 @@ def search(
     )
     done = len(_completed(study))
     study.sampler = optuna.samplers.TPESampler(seed=seed + done)
-    for setting in first[done:]:
-        study.enqueue_trial(dict(setting), skip_if_exists=True)
 
     def objective(trial: Any) -> tuple[float, float]:
         setting = {name: _suggest(trial, name, choices) for name, choices in space.items()}
@@ -138,6 +136,8 @@ def search(
 
     with reporting(progress, trials, "search", unit=" trials") as report:
         while done < trials:
+            if done < len(first):
+                study.enqueue_trial(dict(first[done]))
             study.optimize(objective, n_trials=1)
             done = len(_completed(study))
             report(done)

@@ -48,12 +48,13 @@ def test_a_known_front_is_found():
     assert min(abs(trial.setting["x"] - 3) for trial in front) < 0.3
 
 
-def test_an_interrupted_search_goes_on(tmp_path):
+@pytest.mark.parametrize("interrupted", [1, 2, 4])
+def test_an_interrupted_search_goes_on(tmp_path, interrupted):
     calls = []
 
     def evaluate(setting):
         calls.append(setting["n"])
-        if len(calls) == 4:
+        if len(calls) == interrupted:
             raise KeyboardInterrupt
         return setting["n"], -setting["n"]
 
