@@ -18,9 +18,9 @@ def add_differences(parameters: Iterable[Tensor], loss: Callable[[], Tensor | fl
     Each number of the parameters is moved by ``step`` to either side, and its gradient is
     ``(loss(+step) - loss(-step)) / (2 step)``. The loss is to be the same function of the parameters in every call: a
     mean over masks and frames of given seeds. With common random numbers the two sides differ in those pixels alone
-    whose numbers lie between the two rates, so that a few frames suffice. On average it is the central difference of the
-    expected loss, whatever the loss and the denoiser are: it sees also what has no derivative, such as the number of
-    passes that a pixel gets.
+    whose numbers lie between the two rates, so that a few frames suffice. On average it is the central difference of
+    the expected loss, whatever the loss and the denoiser are: it sees also what has no derivative, such as the number
+    of passes that a pixel gets.
 
     Args:
         parameters: The parameters; their values are the same afterwards.

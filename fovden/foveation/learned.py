@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -31,15 +32,15 @@ STEPS, TOLERANCE = 100, 1e-14
 class LearnedThreeLayer(nn.Module):
     """The paper's three layers with radii, and share or budget, that are learned.
 
-    With r the distance from the gaze in pixels, the rate is that of ``ThreeLayer(ramp_end="1-p")``, which is continuous,
+    With r the distance from the gaze in pixels, the rate is continuous, that of ``ThreeLayer(ramp_end="1-p")``:
 
         rate = 1 - p t,    t = clamp((r - r0) / (r1 - r0), 0, 1),
 
     and at the paper's p = 1/2 is also its literal reading. Stored are log(r0), log(r1 - r0) and logit(p), lengths in
     units of ``sqrt(w h / 50)`` pixels; the defaults are the paper's values, before it rounds r0 down.
 
-    With a budget p is no parameter but ``(1 - budget) / mean(t)``, which makes the mean rate the budget. Where circles are
-    so wide that not even p = 1, no path outside, pays for them, both shrink by one factor until it does.
+    With a budget p is no parameter but ``(1 - budget) / mean(t)``, which makes the mean rate the budget. Where circles
+    are so wide that not even p = 1, no path outside, pays for them, both shrink by one factor until it does.
 
     A layer is a label, and has no derivative: the gradient knows what more or fewer paths do to the image, not what a
     change of a pixel's number of filter passes does. ``layers`` keeps the labels of another falloff while rates are
@@ -146,9 +147,10 @@ class LearnedThreeLayer(nn.Module):
             return r0, r1, self.logit_p.double().sigmoid()
         mean = _ramp(distance, r0, r1).mean()
         if mean.item() < 1 - self.budget:
+            lacking = 1 - self.budget
 
             def excess(scale: Tensor) -> Tensor:
-                return 1 - self.budget - _ramp(distance, scale * r0, scale * r1).mean()
+                return lacking - _ramp(distance, scale * r0, scale * r1).mean()
 
             scale = _solve(excess, 0.0, 1.0, r0)
             r0, r1 = scale * r0, scale * r1
@@ -159,8 +161,8 @@ class LearnedThreeLayer(nn.Module):
 class LearnedProfile(nn.Module):
     """A falloff of any falling shape: straight pieces between knots, under a budget.
 
-    At the knots, which lie at given distances from the gaze, the rate is ``sigmoid(shift - drop)``, where ``drop`` grows
-    from knot to knot by the exponentials of the parameters; between knots it is linear, and beyond the last one
+    At the knots, which lie at given distances from the gaze, the rate is ``sigmoid(shift - drop)``, where ``drop``
+    grows from knot to knot by the exponentials of the parameters; between knots it is linear, and beyond the last one
     constant. ``shift`` is solved for so that the mean rate is the budget, for every camera and gaze.
 
     Args:
@@ -192,7 +194,7 @@ class LearnedProfile(nn.Module):
         super().__init__()
         self.budget = _require_share("budget", budget)
         places = [require_number("knots", knot, minimum=0) for knot in knots]
-        rising = len(places) > 1 and all(a < b for a, b in zip(places, places[1:], strict=False))
+        rising = len(places) > 1 and all(a < b for a, b in pairwise(places))
         require(rising, "knots", places, "two or more distances that rise")
         start, size = start or ThreeLayer(), (1 << 12, 1 << 12)
         self.register_buffer("knots", torch.tensor(places, dtype=torch.float64))
@@ -224,7 +226,8 @@ class LearnedProfile(nn.Module):
             return torch.lerp(rates[right - 1], rates[right], part)
 
         # At -40 every rate is below 1e-17, and at 40 above the largest drop every rate is 1 to rounding.
-        shift = _solve(lambda shift: rate_of(shift).mean() - self.budget, -40.0, 40.0 + float(drops[-1].detach()), drops)
+        highest = 40.0 + drops[-1].item()
+        shift = _solve(lambda shift: rate_of(shift).mean() - self.budget, -40.0, highest, drops)
         rate = rate_of(shift).to(distance.dtype)
         return RateMap(rate, self.layers.layer(distance, resolution), self.layers.radii(resolution))
 

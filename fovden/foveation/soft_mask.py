@@ -1,12 +1,12 @@
 """Masks that carry a gradient, so that the density of samples can be learned.
 
-A pixel is sampled where its random number lies below its rate: b = 1 with probability rate, else 0. What is to be learned
-is the derivative of an expected loss E[L(b)] in the rates. For one pixel among independent ones it is
+A pixel is sampled where its random number lies below its rate: b = 1 with probability rate, else 0. To learn rates
+takes the derivative of an expected loss E[L(b)] in them. For one pixel among independent ones it is
 
     d E[L] / d rate = E[L | b = 1] - E[L | b = 0],
 
-but one drawn mask has no derivative. The filter reads b as the weight of a tap, so that L exists between 0 and 1 as well:
-a relaxed mask is nearly 0 or 1, moves smoothly with the rate, and its gradient follows the same path as any other.
+but one drawn mask has no derivative. The filter reads b as the weight of a tap, so that L exists between 0 and 1 as
+well: a relaxed mask is nearly 0 or 1, moves smoothly with the rate, and its gradient is as any other.
 
 How true that gradient is depends on the denoiser. Measured for the non-homogeneous one (the guide to sampling has the
 numbers): relaxed masks at a temperature of 0.1 come within some per cent of finite differences for radii, and within a
@@ -16,8 +16,8 @@ its own is the inverse of that. No mask knows that a layer's border moves, and w
 :func:`fovden.foveation.add_differences` does.
 
 Sources: Y. Bengio, N. Leonard, A. Courville, "Estimating or propagating gradients through stochastic neurons for
-conditional computation", 2013; E. Jang, S. Gu, B. Poole, "Categorical reparameterization with Gumbel-softmax", ICLR 2017;
-C. Maddison, A. Mnih, Y. W. Teh, "The concrete distribution", ICLR 2017.
+conditional computation", 2013; E. Jang, S. Gu, B. Poole, "Categorical reparameterization with Gumbel-softmax", ICLR
+2017; C. Maddison, A. Mnih, Y. W. Teh, "The concrete distribution", ICLR 2017.
 """
 
 from __future__ import annotations
@@ -115,8 +115,10 @@ def thinned(frame: Frame, mask: Tensor, layer: Tensor | None = None, *, gaze: Ga
         >>> mask = (torch.arange(64).reshape(1, 1, 8, 8) % 2).float().requires_grad_()
         >>> image = Atrous((2, 1))(thinned(frame, mask)).image
         >>> traced = Frame.from_radiance(light * mask.detach(), frame.gbuffer, counts=mask.detach())
-        >>> torch.allclose(image, Atrous((2, 1))(traced).image), torch.autograd.grad(image.sum(), mask)[0].count_nonzero()
-        (True, tensor(64))
+        >>> torch.allclose(image, Atrous((2, 1))(traced).image)
+        True
+        >>> int(torch.autograd.grad(image.sum(), mask)[0].count_nonzero())
+        64
     """
     sizes = {"v": frame.view_count, "h": frame.resolution[0], "w": frame.resolution[1]}
     mask = mask.expand(sizes["v"], -1, -1, -1)

@@ -29,7 +29,7 @@ def test_starts_with_the_papers_values():
 
 
 @pytest.mark.parametrize("gaze", [CENTRE, ASIDE])
-@pytest.mark.parametrize("arguments", [{}, {"r0": 0.5, "width": 2.0, "p": 0.8}, {"r0": 1.2, "width": 0.3, "budget": 0.5}])
+@pytest.mark.parametrize("arguments", [{}, {"r0": 0.5, "width": 2.0, "p": 0.8}, {"r0": 1.2, "budget": 0.5}])
 def test_frozen_is_the_same_falloff(gaze, arguments):
     learned = LearnedThreeLayer(**arguments)
     found, plain = learned(CAMERA.views, gaze), learned.frozen(CAMERA, gaze)(CAMERA.views, gaze)
@@ -112,7 +112,7 @@ def test_a_profile_falls_from_knot_to_knot_and_starts_near_the_paper():
     rate = LearnedProfile(budget=plain.mean().item())(camera, gaze).rate
     assert (rate[0, 0, 0].diff() <= 0).all()
     assert (rate - plain).abs().max() < 0.03
-    bend = rate[0, 0, 0].double().diff().diff().abs()  # straight between the knots: at 9, 18, 36, 54, 72, 108, 144 pixels
+    bend = rate[0, 0, 0].double().diff().diff().abs()  # 0 between the knots, the first of which lies at 0
     places = torch.arange(1, 239)
     inner = torch.stack([(places - knot).abs() for knot in (9, 18, 36, 54, 72, 108, 144)]).amin(0) > 1
     assert bend[inner].max() < 1e-6

@@ -120,7 +120,7 @@ DENOISERS = [
 @pytest.mark.parametrize("make", DENOISERS)
 @pytest.mark.parametrize("radii", [(4, 9), (0, 0)])
 def test_a_thinned_frame_is_denoised_as_the_one_that_was_traced(box, make, radii):
-    """One in five pixels outside, so that there are holes of all kinds, also in the lamp; or one eye without samples."""
+    """One in five pixels outside, so that there are holes, also in the lamp; or one eye without any sample."""
     scene, camera, everywhere = box
     denoiser = make()
     gaze = Gaze(torch.tensor([[14.0, 4.0], [13.0, 12.0]]))
