@@ -200,8 +200,8 @@ class Falloffs(Measured):
         height, width = config["resolution"]
         budget = next(row.value for row in measurements if row.metric == "budget")
         return (
-            f"Both eyes of {width} x {height} pixels, {config['spp']} samples in each sampled pixel, {budget:.1%} of the "
-            f"pixels; two poses to learn from, a third for the test, {config['frames']} frames of each; references of "
+            f"Both eyes of {width} x {height} pixels, {config['spp']} samples in each sampled pixel, {budget:.1%} of "
+            f"the pixels; two poses to learn from, a third for the test, {config['frames']} frames of each; references of "
             f"{config['reference_spp']} samples. Radii in units of the paper's r0. Errors are standard errors over "
             f"{config['frames'] * config['masks']} pairs of frames and masks. "
         )
@@ -225,6 +225,7 @@ class MaskGradients(Measured):
 
     def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
         """Returns what was measured."""
+        del measurements
         return (
             "Thousandths of the loss's unit, means and standard errors over "
             f"{config['gradient_masks']} masks for 16 frames of the Cornell box, both eyes of 64 x 64 pixels, at the "

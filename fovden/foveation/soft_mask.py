@@ -8,11 +8,12 @@ takes the derivative of an expected loss E[L(b)] in them. For one pixel among in
 but one drawn mask has no derivative. The filter reads b as the weight of a tap, so that L exists between 0 and 1 as
 well: a relaxed mask is nearly 0 or 1, moves smoothly with the rate, and its gradient is as any other.
 
-How true that gradient is depends on the denoiser. Measured for the non-homogeneous one (the guide to sampling has the
-numbers): relaxed masks at a temperature of 0.1 come within some per cent of finite differences for radii, and within a
-third for the share p. With a mask of 0 and 1 and the relaxed one's derivative (straight-through) the gradient is
-useless: a pixel whose sampled taps all lie across edges has weights that sum to 1e-20, and the slope in the mask of
-its own is the inverse of that. No mask knows that a layer's border moves, and with it the number of passes of a pixel.
+How true that gradient is depends on the denoiser. Measured for the non-homogeneous one against finite differences
+(``experiments/learn_falloff.py``): relaxed masks at a temperature of 0.1 have the right sign and are wrong by up to a
+third; under a budget, where the radii and p work against each other, what is left may be several times too large. With
+a mask of 0 and 1 and the relaxed one's derivative (straight-through) the gradient is useless: a pixel whose sampled taps
+all lie across edges has weights that sum to 1e-20, and the slope in the mask of its own is the inverse of that. No mask
+knows that a layer's border moves, and with it the number of passes of a pixel.
 :func:`fovden.foveation.add_differences` does.
 
 Sources: Y. Bengio, N. Leonard, A. Courville, "Estimating or propagating gradients through stochastic neurons for
