@@ -201,8 +201,8 @@ class Falloffs(Measured):
         budget = next(row.value for row in measurements if row.metric == "budget")
         return (
             f"Both eyes of {width} x {height} pixels, {config['spp']} samples in each sampled pixel, {budget:.1%} of "
-            f"the pixels; two poses to learn from, a third for the test, {config['frames']} frames of each; references of "
-            f"{config['reference_spp']} samples. Radii in units of the paper's r0. Errors are standard errors over "
+            f"the pixels; two poses to learn from, a third for the test, {config['frames']} frames of each; references "
+            f"of {config['reference_spp']} samples. Radii in units of the paper's r0. Errors are standard errors over "
             f"{config['frames'] * config['masks']} pairs of frames and masks. "
         )
 

@@ -10,8 +10,8 @@ well: a relaxed mask is nearly 0 or 1, moves smoothly with the rate, and its gra
 
 How true that gradient is depends on the denoiser. Measured for the non-homogeneous one against finite differences
 (``experiments/learn_falloff.py``): relaxed masks at a temperature of 0.1 have the right sign and are wrong by up to a
-third; under a budget, where the radii and p work against each other, what is left may be several times too large. With
-a mask of 0 and 1 and the relaxed one's derivative (straight-through) the gradient is useless: a pixel whose sampled taps
+third; under a budget, where radii and p work against each other, what is left may be several times too large. With a
+mask of 0 and 1 and the relaxed one's derivative (straight-through) the gradient is useless: a pixel whose sampled taps
 all lie across edges has weights that sum to 1e-20, and the slope in the mask of its own is the inverse of that. No mask
 knows that a layer's border moves, and with it the number of passes of a pixel.
 :func:`fovden.foveation.add_differences` does.
