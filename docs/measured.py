@@ -178,6 +178,61 @@ class Convergence(Measured):
         )
 
 
+class Falloffs(Measured):
+    """The table of ``experiments/learn_falloff.py``: what was learned, and its loss beside that of the paper's."""
+
+    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
+        """Returns one row for each scene and falloff."""
+        header = ["scene", "falloff", "r0", "r1", "p", "loss, training", "loss, test", "of the paper's, test"]
+        value = {(row.scene, row.method, row.region, row.metric): row.value for row in measurements}
+        rows = []
+        for scene, method in ((row.scene, row.method) for row in measurements if row.metric == "mean_rate"):
+            radii = [_formatted(value.get((scene, method, "whole", name)), ".2f") for name in ("r0", "r1", "p")]
+            if method == "paper":
+                radii = ["1.00", "2.00", "0.50"]
+            losses = [f"{value[scene, method, region, 'loss']:.4f}" for region in ("train", "test")]
+            ratio, error = (value[scene, method, "test", name] for name in ("ratio", "ratio_error"))
+            rows.append([scene, method, *radii, *losses, f"{ratio:.3f} +- {error:.3f}"])
+        return header, rows
+
+    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
+        """Returns what was measured."""
+        height, width = config["resolution"]
+        budget = next(row.value for row in measurements if row.metric == "budget")
+        return (
+            f"Both eyes of {width} x {height} pixels, {config['spp']} samples in each sampled pixel, {budget:.1%} of "
+            f"the pixels; two poses to learn from, a third for the test, {config['frames']} frames of each; references "
+            f"of {config['reference_spp']} samples. Radii in units of the paper's r0. Errors are standard errors over "
+            f"{config['frames'] * config['masks']} pairs of frames and masks. "
+        )
+
+
+class MaskGradients(Measured):
+    """The other table of ``experiments/learn_falloff.py``: gradients by relaxed masks and by differences."""
+
+    def table(self, measurements: Sequence[Measurement]) -> tuple[list[str], list[list[str]]]:
+        """Returns one row for each kind of light and way to the gradient."""
+        names = {"log_r0": "log r0", "log_width": "log (r1 - r0)", "logit_p": "logit p"}
+        value = {(row.region, row.method, row.metric): row.value for row in measurements}
+        rows = []
+        for region, method in dict.fromkeys((row.region, row.method) for row in measurements if row.metric in names):
+            cells = [
+                f"{1000 * value[region, method, name]:.2f} +- {1000 * value[region, method, f'{name}_error']:.2f}"
+                for name in names
+            ]
+            rows.append([region, method, *cells])
+        return ["light", "gradient", *names.values()], rows
+
+    def note(self, measurements: Sequence[Measurement], config: dict[str, Any]) -> str:
+        """Returns what was measured."""
+        del measurements
+        return (
+            "Thousandths of the loss's unit, means and standard errors over "
+            f"{config['gradient_masks']} masks for 16 frames of the Cornell box, both eyes of 64 x 64 pixels, at the "
+            "paper's falloff, without a budget. "
+        )
+
+
 def _mean(measurements: Sequence[Measurement]) -> Callable[[str, str, str], float | None]:
     """A function from method, metric and region to the mean over the views; ``None`` where nothing was measured."""
 
@@ -220,4 +275,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("measured-benchmark", Benchmark)
     app.add_directive("measured-lights", LightChoice)
     app.add_directive("measured-convergence", Convergence)
+    app.add_directive("measured-falloffs", Falloffs)
+    app.add_directive("measured-mask-gradients", MaskGradients)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -129,6 +129,8 @@ class Frame:
         index: Number of the frame in its sequence.
         seed: Seed of the random numbers that made it.
         raster: Name of the grid that the pixels lie on; ``"screen"`` is the camera's own.
+        weight: Weight of each pixel as a tap, in [0, 1], shape (v, 1, h, w); ``None`` means that of ``counts``. The
+            light beneath a weight of 0 is hidden from values, not from gradients (:func:`fovden.foveation.thinned`).
 
     Example:
         >>> radiance = torch.rand(2, 3, 8, 8)
@@ -150,12 +152,15 @@ class Frame:
     index: int = 0
     seed: int = 0
     raster: str = "screen"
+    weight: Tensor | None = None
 
     def __post_init__(self) -> None:
         sizes = require_shapes("v 3 h w", direct=self.direct, indirect=self.indirect, emission=self.emission)
         scalars = {"counts": self.counts, "luminance_squared": self.luminance_squared, "layer": self.layer}
         require_shapes("v 1 h w", sizes, **scalars)
         require_shapes("v 1 h w", sizes, **{"gbuffer.prim": self.gbuffer.prim})
+        if self.weight is not None:
+            require_shapes("v 1 h w", sizes, weight=self.weight)
         if self.camera is not None:
             require_shapes("v 3", sizes, **{"camera.origin": self.camera.origin})
         if self.gaze is not None:
@@ -194,8 +199,8 @@ class Frame:
 
     @property
     def mask(self) -> Tensor:
-        """Whether a pixel was sampled, as 0 or 1 in the radiance's floating type, shape (v, 1, h, w)."""
-        return (self.counts > 0).to(self.direct.dtype)
+        """Whether a pixel was sampled, as 0 or 1, or else ``weight``, in the radiance's type, shape (v, 1, h, w)."""
+        return (self.counts > 0 if self.weight is None else self.weight).to(self.direct.dtype)
 
     @property
     def resolution(self) -> tuple[int, int]:
@@ -232,6 +237,8 @@ class Frame:
         joined: dict[str, Any] = {}
         for name in ("direct", "indirect", "emission", "counts", "luminance_squared", "layer"):
             joined[name] = torch.cat([getattr(frame, name) for frame in frames])
+        weighted = any(frame.weight is not None for frame in frames)
+        joined["weight"] = torch.cat([frame.mask for frame in frames]) if weighted else None
         gbuffers = [frame.gbuffer for frame in frames]
         geometry = {f.name: torch.cat([getattr(g, f.name) for g in gbuffers]) for f in fields(GBuffer)}
         cameras = [frame.camera for frame in frames]

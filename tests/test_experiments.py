@@ -5,11 +5,13 @@ import math
 import pytest
 from PIL import Image
 
-from fovden.figures import draw_convergence
+from fovden.figures import draw_convergence, draw_falloff
 from fovden.figures.convergence import convergence_slope, noise_by_samples
+from fovden.figures.falloff import losses_by_radii, path_of_radii
 from fovden.results import read_metrics
 
 light_choice = pytest.importorskip("experiments.light_choice", reason="not a checkout")
+learn_falloff = pytest.importorskip("experiments.learn_falloff", reason="not a checkout")
 sampler_convergence = pytest.importorskip("experiments.sampler_convergence", reason="not a checkout")
 
 frame_sets = pytest.importorskip("experiments.frame_sets", reason="not a checkout")
@@ -77,3 +79,22 @@ def test_widths_are_tuned_and_judged_and_kept(tmp_path, capsys):
     tune_sigmas.run(settings, tmp_path)
     assert capsys.readouterr().out == tables
     assert all(path.read_bytes() == content for path, content in kept.items())
+
+
+def test_falloffs_are_learned_and_drawn_again(tmp_path):
+    assert learn_falloff.main(["--preset", "smoke", "-o", str(tmp_path)]) == 0
+    first = (tmp_path / "falloff.png").read_bytes()
+    (tmp_path / "falloff.png").unlink()
+    assert draw_falloff(tmp_path).read_bytes() == first
+    rows = read_metrics(tmp_path)
+    budget = next(row.value for row in rows if row.metric == "budget")
+    rates = {row.method: row.value for row in rows if row.metric == "mean_rate"}
+    assert set(rates) >= {"paper", "uniform", "differences", "relaxed, layers kept", "profile, layers kept"}
+    assert list(rates.values()) == pytest.approx([budget] * len(rates), abs=1e-6), "all cost the same"
+    path = path_of_radii(rows, "cornell_box", "differences")
+    assert path[0] == (1.0, 1.0)
+    assert len(path) == 3 + 2  # the start, three steps, and their mean
+    assert len(losses_by_radii(rows, "cornell_box", "grid")) == 4
+    ratios = {row.method: row.value for row in rows if (row.metric, row.region) == ("ratio", "test")}
+    assert ratios["paper"] == pytest.approx(1)
+    assert ratios["uniform"] > 1, "the loss is that of the fovea"

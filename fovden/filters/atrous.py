@@ -229,10 +229,13 @@ class Atrous(GuidedDenoiser):
         pairs = zip(self.steps, self.edge_stopping.passes(self.steps), strict=True)
         passes = [Pass(step, sigmas, level=level) for level, (step, sigmas) in enumerate(pairs)]
         state = run_passes(begin(radiance, mask), normal, position, passes, options=self.options)
-        if not self.fill_holes:
+        if not torch.compiler.is_compiling() and bool(state.known.all()):
             return state.image
+        image = torch.where(state.known, state.image, 0)
+        if not self.fill_holes:
+            return image
         return fill_holes(
-            state.image,
+            image,
             ~state.known,
             state.mask,
             normal,

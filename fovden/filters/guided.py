@@ -110,7 +110,7 @@ class GuidedDenoiser(Denoiser):
         """Returns the filtered radiance of plain tensors, in whatever units they are.
 
         Args:
-            radiance: Radiance, shape (v, 3, h, w), 0 where not sampled.
+            radiance: Radiance, shape (v, 3, h, w). Where the mask is 0 it matters to the mask's derivative alone.
             normal: Unit normals, shape (v, 3, h, w).
             position: Positions, shape (v, 3, h, w).
             mask: Weight of each pixel as a tap, in [0, 1], shape (v or 1, 1, h, w), bool or floating; ``None`` means 1.
@@ -174,11 +174,13 @@ class GuidedDenoiser(Denoiser):
 
 def _fill_emission(frame: Frame, normal: Tensor, position: Tensor) -> Tensor:
     """The emission, also where no path was traced; positions are in median hit depths, as the widths are."""
-    if not bool(frame.emission.any()):
-        return frame.emission
+    sampled = frame.mask > 0
+    emission = torch.where(sampled, frame.emission, 0)
+    if not bool(emission.any()):
+        return emission
     return fill_holes(
-        frame.emission,
-        frame.counts == 0,
+        emission,
+        ~sampled,
         frame.mask,
         normal,
         position,

@@ -261,6 +261,8 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         """
         c, n, x, b = radiance, normal, position, mask
         layer = self._layer_of(radiance, layer)
+        if b is not None and (self.options.mask_at == "center" or self.options.unsampled_guide == "literal"):
+            c = torch.where(b > 0, c, 0)  # these readings look at an unsampled pixel's own light, which is none
         start = begin(c, b)
         if self.layers == "snapshot":
             state = start
@@ -270,7 +272,7 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         else:
             passes = self._in_turn() if self.layers == "sequential" else self._interleaved()
             state = run_passes(start, n, x, passes, region=layer, options=self.options)
-        return self._fill(state, n, x, layer) if self.fill_holes else state.image
+        return self._fill(state, n, x, layer)
 
     def _passes(self, index: int) -> list[Pass]:
         """A layer's passes, in the order in which they run, each on a level of its own."""
@@ -291,11 +293,14 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         return [each._replace(level=-each.step) for each in sorted(passes, key=lambda each: -each.step)]
 
     def _fill(self, state: State, normal: Tensor, position: Tensor, layer: Tensor) -> Tensor:
-        if self.options.mask_at == "center" or (not torch.compiler.is_compiling() and bool(state.known.all())):
+        if not torch.compiler.is_compiling() and bool(state.known.all()):
             return state.image
+        image = torch.where(state.known, state.image, 0)
+        if self.options.mask_at == "center" or not self.fill_holes:
+            return image
         widths, layer = [self._passes(index)[0].sigmas for index in range(len(self.levels))], layer.long()
         return fill(
-            state.image,
+            image,
             ~state.known,
             state.mask,
             normal,

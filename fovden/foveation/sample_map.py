@@ -16,7 +16,7 @@ from fovden.foveation.falloff import Falloff
 from fovden.preview import Picture, card, never_raising, ramp, shades
 from fovden.rng import Stream, uniform
 
-__all__ = ["SampleMap", "sample_map", "uniform_map"]
+__all__ = ["SampleMap", "mask_numbers", "sample_map", "uniform_map"]
 
 Source = Literal["philox", "stratified", "blue_noise"]
 
@@ -216,9 +216,8 @@ def sample_map(
     gaze = Gaze.center(views) if gaze is None else gaze
     require_shapes("v 2", {"v": views.view_count}, **{"gaze.pixels": gaze.pixels})
     require_integer("spp", spp, minimum=1)
-    names = get_args(Source)
-    require(source in names, "source", repr(source), f"one of {names}")
     rate, layer, radii, selects = falloff(views, gaze)
+    rate = rate.detach()  # a count has no derivative; that of a mask is in soft_mask.py
     sizes = {"v": views.view_count, "h": views.resolution[0], "w": views.resolution[1]}
     require_shapes("v 1 h w", sizes, **{"falloff.rate": rate, "falloff.layer": layer})
     within = bool(((rate >= 0) & (rate <= 1)).all())
@@ -226,7 +225,7 @@ def sample_map(
     expected = spp * float(rate.sum(dtype=torch.float64))
     if not per_eye and bool((rate == rate[:1]).all()) and bool((layer == layer[:1]).all()):
         rate, layer = rate[:1], layer[:1]
-    numbers = _random_numbers(source, views.resolution, seed, index, views.view_count if per_eye else 1)
+    numbers = mask_numbers(views.resolution, seed, index=index, source=source, views=views.view_count if per_eye else 1)
     if selects:
         counts = spp * (numbers < rate).to(torch.int32)
     else:
@@ -263,15 +262,40 @@ def uniform_map(
     """
     views = camera.views
     require_number("mean_spp", mean_spp, minimum=0, maximum=2**24)
-    numbers = _random_numbers("philox", views.resolution, seed, index, views.view_count if per_eye else 1)
+    numbers = mask_numbers(views.resolution, seed, index=index, views=views.view_count if per_eye else 1)
     whole = math.floor(mean_spp)
     counts = whole + (numbers < mean_spp - whole).to(torch.int32)
     expected = mean_spp * views.view_count * math.prod(views.resolution)
     return SampleMap.from_counts(counts, Gaze.center(views), expected=expected)
 
 
-def _random_numbers(source: str, resolution: tuple[int, int], seed: int, index: int, views: int) -> Tensor:
-    """Numbers in [0, 1), uniform for each pixel, shape (views, 1, h, w)."""
+def mask_numbers(
+    resolution: tuple[int, int], seed: int = 0, *, index: int = 0, views: int = 1, source: Source = "philox"
+) -> Tensor:
+    """Returns the random numbers of a mask: :func:`sample_map` selects the pixels whose number is below their rate.
+
+    Args:
+        resolution: Height and width in pixels.
+        seed: Seed of the mask, from 0 to 2^32 - 1.
+        index: Number of the frame, where each frame is to have a mask of its own.
+        views: 1 for a mask that all views share, or the number of views for one in each.
+        source: Where the numbers come from; see :func:`sample_map`.
+
+    Returns:
+        Numbers in [0, 1), each of them uniform, float32, shape (views, 1, h, w).
+
+    Raises:
+        ValueError: If a number is out of range or the source is none of those.
+
+    Example:
+        >>> from fovden.foveation import ThreeLayer
+        >>> camera = StereoCamera.look_at((0, 0, 5), (0, 0, 0), fov_y_deg=60, resolution=(30, 20))
+        >>> rate = ThreeLayer()(camera.views, Gaze.center(camera)).rate
+        >>> torch.equal(mask_numbers((30, 20), 7) < rate[:1], sample_map(ThreeLayer(), camera, seed=7).mask > 0)
+        True
+    """
+    names = get_args(Source)
+    require(source in names, "source", repr(source), f"one of {names}")
     height, width = resolution
     view = torch.arange(views)[:, None, None, None]
 

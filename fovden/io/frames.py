@@ -47,8 +47,8 @@ def save_frame(path: FilePath, frame: Frame) -> None:
         frame: The frame, in float32.
 
     Raises:
-        ValueError: If the name does not end in ``.exr``, the frame is not float32, or its light is negative or not
-            finite.
+        ValueError: If the name does not end in ``.exr``, the frame is not float32, its light is negative or not
+            finite, or it has a ``weight``, which is for learning alone.
         OSError: If the file cannot be written.
 
     Example:
@@ -59,6 +59,7 @@ def save_frame(path: FilePath, frame: Frame) -> None:
         >>> torch.equal(load_frame(path).radiance, frame.radiance)
         True
     """
+    require(frame.weight is None, "frame.weight", "a tensor", "None, since files hold no light beneath a weight of 0")
     for image in LIGHT:
         require_finite(f"frame.{image.field}", getattr(frame, image.field), minimum=0)
     tensors = {image: getattr(frame, image.field) for image in (BEAUTY, *LIGHT, *SAMPLES)}
