@@ -126,8 +126,7 @@ def nonhomogeneous_twin(
 ):
     """The reference procedure: layer by layer, pass by pass, holes at the end.
 
-    ``sigmas`` is one triple per layer, of numbers, or of lists with one for each pass; ``kernels`` is one array for
-    each pass of each layer.
+    ``sigmas`` is a triple per layer, of numbers or of lists by pass; ``kernels`` has an array for each layer and pass.
     """
     layer = np.minimum(layer, len(levels) - 1)
     raw = {"c": c.copy(), "b": b.copy(), "known": b > 0, "first": c.copy()}
@@ -141,7 +140,7 @@ def nonhomogeneous_twin(
         step, factor = list(schedule_twin(levels[index], schedule, sigma_by))[k]
         sigma = widths(index, k, factor)
         region = layer == index
-        rt = image["c"] if guide == "current" else image["first"]
+        rt = image["c" if guide == "current" else "first"]
         rt = np.log(1 + rt) if guide_curve == "log" else rt
         centre, known = rt, image["known"]
         if unsampled_guide != "drop":

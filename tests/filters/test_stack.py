@@ -46,11 +46,13 @@ def kernels_of(logits):
         {"guide_curve": "log"},
         {"guide_curve": "log", "guide": "input", "unsampled_guide": "nearest"},
         {"guide_curve": "log", "unsampled_guide": "literal", "sigma_by": "scale"},
+        "holes",
     ],
     ids=str,
 )
 def test_each_pass_has_its_own_in_every_layer(options):
-    tensors = tensors_of(make_frame(1, 9, 11, density=0.4, seed=3))
+    shape, options = ((9, 30, 0.03), {}) if options == "holes" else ((9, 11, 0.4), options)
+    tensors = tensors_of(make_frame(1, *shape[:2], density=shape[2], seed=3))
     denoiser = stir(wide(NonHomogeneousAtrous, LEVELS, **OWN, **options).double())
     factors = factors_like(tensors[0])
     sigmas = [
@@ -74,6 +76,8 @@ def test_the_plain_filter_fills_holes_with_the_widths_of_its_smallest_step():
     c, n, x, b = (numbers(tensor) for tensor in tensors[:4])
     steps = (2, 1, 4)
     denoiser = stir(wide(Atrous, steps, **OWN).double(), seed=2)
+    with torch.no_grad():
+        denoiser.edge_stopping.log_sigma_position.copy_(torch.tensor([0.3, 0.9, 2.7]).log())
     factors = numbers(factors_like(tensors[0]))
     edges, kernels, known = denoiser.edge_stopping, kernels_of(denoiser.kernel.log_kernel), b > 0
     widths = [numbers(edges.sigma_radiance), numbers(edges.sigma_normal), numbers(edges.sigma_position)]
@@ -82,11 +86,12 @@ def test_the_plain_filter_fills_holes_with_the_widths_of_its_smallest_step():
         c, total = pass_twin(c, n, x, b, step, [own[0] / 2**k, *own[1:]], known=known, kernel=kernels[k])
         known = known | (total > 1e-20)
     assert not known.all()
-    normal, position = (widths[j][1] * factors[:, j : j + 1] for j in (1, 2))
-    want = fill_twin(c, ~known, b, n, x, normal, position)
+    fillings = [
+        fill_twin(c, ~known, b, n, x, *(widths[j][k] * factors[:, j : j + 1] for j in (1, 2))) for k in range(3)
+    ]
     got = denoiser.filter(*tensors, factors=torch.from_numpy(factors))
-    torch.testing.assert_close(got, torch.from_numpy(want), rtol=1e-9, atol=1e-9)
-    assert abs(want - fill_twin(c, ~known, b, n, x, *(w * 3 for w in (normal, position)))).max() > 1e-3
+    torch.testing.assert_close(got, torch.from_numpy(fillings[1]), rtol=1e-9, atol=1e-9)
+    assert all(abs(fillings[1] - fillings[k]).max() > 1e-3 for k in (0, 2))
 
 
 @pytest.mark.parametrize(
