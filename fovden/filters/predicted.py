@@ -125,6 +125,9 @@ class PredictedSigmas(Denoiser):
     Differentiable: in the weights, in the inner denoiser's parameters, and in what that is differentiable in. Cost:
     a multiply-add for each weight and pixel, twice that on the way back, and the features and layers in memory.
 
+    The image does not depend on the number of threads; derivatives in the weights do, in their last bits, since those
+    of PyTorch's convolutions do.
+
     Source: the idea is that of Kalantari, Bako and Sen (2015); the network and its numbers are ours.
 
     Example:

@@ -102,6 +102,10 @@ def schedule_twin(levels, schedule, sigma_by):
         yield 2**scale, math.sqrt(phi)
 
 
+def paste(inside, new, old):
+    return {key: np.where(inside, new[key], old[key]) for key in old}
+
+
 def nonhomogeneous_twin(
     c,
     n,
@@ -162,9 +166,6 @@ def nonhomogeneous_twin(
             "first": np.where(filled & ~image["known"], new, image["first"]),
         }
 
-    def paste(index, new, old):
-        return {key: np.where(layer == index, new[key], old[key]) for key in old}
-
     state = raw
     if layers == "sequential":
         for index in range(len(levels)):
@@ -175,13 +176,13 @@ def nonhomogeneous_twin(
             own = raw
             for k in range(levels[index]):
                 own = run(own, index, k)
-            state = paste(index, own, state)
+            state = paste(layer == index, own, state)
     if layers == "interleaved":
         for scale in range(max(levels) - 1, -1, -1):
             before = state
             for index in range(len(levels)):
                 if scale < levels[index]:
-                    state = paste(index, run(before, index, levels[index] - 1 - scale), state)
+                    state = paste(layer == index, run(before, index, levels[index] - 1 - scale), state)
     if not fill_holes or mask_at == "center":
         return state["c"]
     last = [widths(index, -1, 1) for index in range(len(levels))]  # of step 1, as the first taps of the filling
