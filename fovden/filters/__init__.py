@@ -6,6 +6,7 @@ Every member obeys :class:`Denoiser`. To add one: write it in a file of its own,
 =============================  ==================================================================================
 :class:`Atrous`                the edge-avoiding à-trous filter (Dammertz et al. 2010), steps in any order
 :class:`NonHomogeneousAtrous`  the same with its own passes and widths in each foveation layer (2023 paper)
+:class:`PredictedSigmas`       either of them, with widths that a small network predicts at each pixel
 =============================  ==================================================================================
 """
 
@@ -15,6 +16,8 @@ from fovden.filters.edge_stopping import EdgeStopping
 from fovden.filters.guided import GuidedDenoiser
 from fovden.filters.holes import fill_holes
 from fovden.filters.nonhomogeneous import NonHomogeneousAtrous
+from fovden.filters.predicted import PredictedSigmas
+from fovden.filters.stack import TapKernel
 
 __all__ = [
     "Atrous",
@@ -23,6 +26,8 @@ __all__ = [
     "EdgeStopping",
     "GuidedDenoiser",
     "NonHomogeneousAtrous",
+    "PredictedSigmas",
+    "TapKernel",
     "atrous_pass",
     "fill_holes",
 ]

@@ -23,7 +23,8 @@ from fovden.filters.edge_stopping import (
 from fovden.filters.guided import GuidedDenoiser
 from fovden.filters.holes import fill_holes
 from fovden.filters.operator import run_passes
-from fovden.filters.passes import Pass, PassOptions, begin
+from fovden.filters.passes import GuideCurve, Pass, PassOptions, begin, scale_widths
+from fovden.filters.stack import TapKernel, hole_widths, plan_passes
 from fovden.filters.taps import Border, Sigma, Sigmas
 
 __all__ = ["Atrous", "atrous_pass"]
@@ -172,6 +173,11 @@ class Atrous(GuidedDenoiser):
         fill_holes: Whether to fill what no tap has reached.
         relative: Whether to use the view's own units of radiance and length.
         demodulate: Whether to filter illumination in place of radiance.
+        guide_curve: What is compared of radiance c: ``"linear"``, c, or ``"log"``, log(1 + c), c in the filter's units,
+            so that widths mean ratios where it is bright. It shrinks differences: find the width of radiance anew. It
+            is composed of torch operations (:func:`fovden.filters.operator.run_passes`).
+        per_pass: Whether each pass has three widths of its own.
+        learn_kernel: Whether each pass has a kernel of its own, which is learned (:class:`fovden.filters.TapKernel`).
 
     Raises:
         ValueError: If there is no step, one is below 1, or an option is not one of those listed.
@@ -198,15 +204,29 @@ class Atrous(GuidedDenoiser):
         fill_holes: bool = True,
         relative: bool = True,
         demodulate: bool = False,
+        guide_curve: GuideCurve = "linear",
+        per_pass: bool = False,
+        learn_kernel: bool = False,
     ) -> None:
         super().__init__(relative=relative, demodulate=demodulate)
         require(len(steps) > 0, "steps", steps, "at least one step")
         self.steps = tuple(require_integer("steps", step, minimum=1) for step in steps)
+        count = len(self.steps)
         self.edge_stopping = EdgeStopping(
-            sigma_radiance, sigma_normal, sigma_position, schedule=schedule, sigma_by=sigma_by
+            sigma_radiance,
+            sigma_normal,
+            sigma_position,
+            schedule=schedule,
+            sigma_by=sigma_by,
+            passes=count if per_pass else None,
         )
-        self.options = PassOptions(border=border)
+        self.register_module("kernel", TapKernel(count) if learn_kernel else None)
+        self.options = PassOptions(border=border, guide_curve=guide_curve)
         self.fill_holes = fill_holes
+        self.per_pass = per_pass
+        self.learn_kernel = learn_kernel
+
+    kernel: TapKernel | None
 
     def filter(
         self,
@@ -215,10 +235,12 @@ class Atrous(GuidedDenoiser):
         position: Tensor,
         mask: Tensor | None = None,
         layer: Tensor | None = None,
+        factors: Tensor | None = None,
     ) -> Tensor:
         """Returns the filtered radiance of plain tensors; see :meth:`fovden.filters.GuidedDenoiser.filter`.
 
-        The layers are not used.
+        The layers are not used. ``factors``, shape (v, 3, h, w), positive, multiply the widths of radiance, normal and
+        position at each pixel, in each pass and where holes are filled. Differentiable in them too.
 
         Example:
             >>> flat = torch.zeros(1, 3, 4, 4)
@@ -226,22 +248,24 @@ class Atrous(GuidedDenoiser):
             tensor(2., grad_fn=<MeanBackward0>)
         """
         del layer
-        pairs = zip(self.steps, self.edge_stopping.passes(self.steps), strict=True)
-        passes = [Pass(step, sigmas, level=level) for level, (step, sigmas) in enumerate(pairs)]
-        state = run_passes(begin(radiance, mask), normal, position, passes, options=self.options)
+        if factors is not None:
+            require_shapes("v 3 h w", radiance=radiance, factors=factors)
+        passes = plan_passes(self.steps, self.edge_stopping, self.kernel)
+        state = run_passes(begin(radiance, mask), normal, position, passes, factors=factors, options=self.options)
         if not torch.compiler.is_compiling() and bool(state.known.all()):
             return state.image
         image = torch.where(state.known, state.image, 0)
         if not self.fill_holes:
             return image
+        widths = scale_widths(hole_widths(passes), factors)
         return fill_holes(
             image,
             ~state.known,
             state.mask,
             normal,
             position,
-            sigma_normal=self.edge_stopping.sigma_normal,
-            sigma_position=self.edge_stopping.sigma_position,
+            sigma_normal=widths.normal,
+            sigma_position=widths.position,
         )
 
     def extra_repr(self) -> str:

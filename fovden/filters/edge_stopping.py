@@ -7,7 +7,7 @@ A pass multiplies
     exp(-|x_p - x_q|^2 / sigma_position^2).
 
 Each pass removes noise, so the next one may tell smaller differences of illumination apart: sigma_radiance shrinks, the
-widths of the geometry stay.
+widths of the geometry stay. Passes may also have widths of their own, to be learned apart from each other.
 """
 
 from __future__ import annotations
@@ -54,6 +54,10 @@ class EdgeStopping(nn.Module):
     ``"constant"``. With ``sigma_by="pass"`` k counts the passes in the order in which they run; with ``"scale"`` it
     is the rank of the pass's step among the steps, the smallest first. The two agree where steps increase.
 
+    With ``passes`` each pass has three widths of its own, which start equal: pass k filters with
+    ``factor^k sigma_radiance[k]``, ``sigma_normal[k]`` and ``sigma_position[k]``, the passes in the order in which they
+    run. What is learned is then the departure from the schedule.
+
     The papers give no values for the widths; the defaults were found by a search on two scenes.
 
     Args:
@@ -61,10 +65,11 @@ class EdgeStopping(nn.Module):
         sigma_normal: Width of unit normals at step 1, positive.
         sigma_position: Width of position, positive, in the units of the position.
         schedule: How the width of radiance shrinks.
-        sigma_by: What k counts.
+        sigma_by: What k counts in the power of the factor.
+        passes: Number of passes that have widths of their own; ``None`` means that all share one triple.
 
     Raises:
-        ValueError: If a width is not positive, or an option is not one of those listed.
+        ValueError: If ``passes`` is below 1, a width is not positive, or an option is not one of those listed.
 
     Example:
         >>> edges = EdgeStopping(sigma_radiance=2.0)
@@ -72,6 +77,8 @@ class EdgeStopping(nn.Module):
         [2.0, 1.0, 0.5]
         >>> edges
         EdgeStopping(sigma_radiance=2, sigma_normal=0.1, sigma_position=0.03, schedule='halve_sigma', sigma_by='pass')
+        >>> EdgeStopping(passes=3).log_sigma_normal.shape
+        torch.Size([3])
     """
 
     def __init__(
@@ -82,6 +89,7 @@ class EdgeStopping(nn.Module):
         *,
         schedule: Schedule = "halve_sigma",
         sigma_by: SigmaBy = "pass",
+        passes: int | None = None,
     ) -> None:
         super().__init__()
         require(schedule in FACTORS, "schedule", repr(schedule), f"one of {', '.join(FACTORS)}")
@@ -89,7 +97,8 @@ class EdgeStopping(nn.Module):
         sigmas = {"radiance": sigma_radiance, "normal": sigma_normal, "position": sigma_position}
         for name, sigma in sigmas.items():
             logarithm = math.log(require_number(f"sigma_{name}", sigma, above=0))
-            self.register_parameter(f"log_sigma_{name}", nn.Parameter(torch.tensor(logarithm)))
+            shape = () if passes is None else (require_integer("passes", passes, minimum=1),)
+            self.register_parameter(f"log_sigma_{name}", nn.Parameter(torch.full(shape, logarithm)))
         self.schedule = schedule
         self.sigma_by = sigma_by
 
@@ -99,18 +108,23 @@ class EdgeStopping(nn.Module):
 
     @property
     def sigma_radiance(self) -> Tensor:
-        """Width of radiance in pass 0, a scalar tensor."""
+        """Width of radiance before it shrinks, a scalar tensor, or one of shape (passes,)."""
         return self.log_sigma_radiance.exp()
 
     @property
     def sigma_normal(self) -> Tensor:
-        """Width of unit normals at step 1, a scalar tensor."""
+        """Width of unit normals at step 1, the same way."""
         return self.log_sigma_normal.exp()
 
     @property
     def sigma_position(self) -> Tensor:
-        """Width of position, a scalar tensor."""
+        """Width of position, the same way."""
         return self.log_sigma_position.exp()
+
+    @property
+    def pass_count(self) -> int | None:
+        """Number of passes that have widths of their own; ``None`` where all share one triple."""
+        return len(self.log_sigma_radiance) if self.log_sigma_radiance.dim() else None
 
     def passes(self, steps: Sequence[int]) -> list[Sigmas]:
         """Returns the widths of each pass.
@@ -121,7 +135,10 @@ class EdgeStopping(nn.Module):
         Returns:
             One entry per step.
 
-        Differentiable: in the three logarithms.
+        Raises:
+            ValueError: If a step is below 1, or passes have widths of their own and there are more or fewer steps.
+
+        Differentiable: in the logarithms.
 
         Example:
             >>> edges = EdgeStopping(1.0, sigma_by="scale")
@@ -131,8 +148,13 @@ class EdgeStopping(nn.Module):
         ladder = sorted({require_integer("steps", step, minimum=1) for step in steps})
         ranks = range(len(steps)) if self.sigma_by == "pass" else [ladder.index(step) for step in steps]
         factor = FACTORS[self.schedule]
-        normal, position = self.sigma_normal, self.sigma_position
-        return [Sigmas(factor**k * self.sigma_radiance, normal, position) for k in ranks]
+        own = self.pass_count
+        require(own in (None, len(steps)), "steps", tuple(steps), f"{own} steps, as many as there are widths")
+        radiance, normal, position = (
+            [logarithm.exp()] * len(steps) if own is None else [each.exp() for each in logarithm.unbind()]
+            for logarithm in (self.log_sigma_radiance, self.log_sigma_normal, self.log_sigma_position)
+        )
+        return [Sigmas(factor**k * c, n, x) for k, c, n, x in zip(ranks, radiance, normal, position, strict=True)]
 
     def extra_repr(self) -> str:
         """Returns the widths and options, for ``print``.
@@ -141,6 +163,8 @@ class EdgeStopping(nn.Module):
             >>> EdgeStopping(0.5).extra_repr()[:18]
             'sigma_radiance=0.5'
         """
-        names = ("sigma_radiance", "sigma_normal", "sigma_position")
-        widths = [f"{name}={float(getattr(self, name).detach()):.4g}" for name in names]
+        widths = []
+        for name in ("sigma_radiance", "sigma_normal", "sigma_position"):
+            numbers = [f"{float(width):.4g}" for width in getattr(self, name).detach().reshape(-1)]
+            widths.append(f"{name}={numbers[0] if self.pass_count is None else '(' + ', '.join(numbers) + ')'}")
         return ", ".join([*widths, f"schedule={self.schedule!r}", f"sigma_by={self.sigma_by!r}"])

@@ -126,12 +126,39 @@ class GuidedDenoiser(Denoiser):
             tensor(2., grad_fn=...)
         """
 
-    def forward(self, frame: Frame, history: Any = None) -> Denoised:
+    def light(self, frame: Frame) -> tuple[Tensor, Tensor]:
+        """Returns what of a frame is filtered, in the filter's units, and these.
+
+        Args:
+            frame: The noisy frame.
+
+        Returns:
+            Radiance, or with ``demodulate`` irradiance but for a factor, shape (v, 3, h, w), and how much of the
+            frame's radiance its unit is, shape (v, 1, 1, 1), without gradient.
+
+        Differentiable: in the frame's light, and with ``demodulate`` in the albedo.
+
+        Example:
+            >>> from fovden.filters import Atrous
+            >>> from fovden.frame import GBuffer
+            >>> frame = Frame.from_radiance(torch.full((1, 3, 4, 4), 2.0), GBuffer.empty(1, (4, 4)))
+            >>> light, unit = Atrous().light(frame)
+            >>> round(light.mean().item(), 4), round(unit.item(), 4)
+            (1.0, 2.0)
+        """
+        albedo = torch.where(frame.gbuffer.hit, frame.gbuffer.albedo, 1)
+        light = demodulate(frame.direct + frame.indirect, albedo) if self.demodulate else frame.radiance
+        unit = radiance_unit(light, frame.mask) if self.relative else torch.ones_like(light[:, :1, :1, :1])
+        return light / unit, unit
+
+    def forward(self, frame: Frame, history: Any = None, factors: Tensor | None = None) -> Denoised:
         """Returns the denoised image of a frame; there is no history.
 
         Args:
             frame: The noisy frame.
             history: Not used: the filter is spatial.
+            factors: What the widths of radiance, normal and position are multiplied by at each pixel, positive,
+                shape (v, 3, h, w), for a member whose ``filter`` takes them; ``None`` means 1.
 
         Returns:
             The image, in the frame's units, and ``None``.
@@ -140,7 +167,7 @@ class GuidedDenoiser(Denoiser):
             ValueError: If radiance is negative or not finite anywhere, a guide is not finite where a surface is
                 seen, or ``seam`` asks for pairs of an odd number of views.
 
-        Differentiable: in the frame's light, albedo, normal and position, and in the parameters.
+        Differentiable: in the frame's light, albedo, normal and position, in the parameters and the factors.
 
         Example:
             >>> from fovden.filters import Atrous
@@ -158,16 +185,17 @@ class GuidedDenoiser(Denoiser):
         position = torch.where(hit, frame.gbuffer.position / length, MISS_DISTANCE)
         require_finite("frame.gbuffer.position", position)
 
-        albedo = torch.where(hit, frame.gbuffer.albedo, 1)
-        light = demodulate(frame.direct + frame.indirect, albedo) if self.demodulate else frame.radiance
-        unit = radiance_unit(light, mask) if self.relative else torch.ones_like(length)
+        light, unit = self.light(frame)
         guides = (normal, position if self.relative else position * length)
-        inputs = [light / unit, *guides, mask, frame.layer]
+        inputs = [light, *guides, mask, frame.layer]
+        extra = {} if factors is None else {"factors": factors}
         if self.seam:
             inputs = [_join_views(tensor) for tensor in inputs]
-        filtered = self.filter(*inputs)
+            extra = {name: _join_views(tensor) for name, tensor in extra.items()}
+        filtered = self.filter(*inputs, **extra)
         image = (_part_views(filtered) if self.seam else filtered) * unit
         if self.demodulate:
+            albedo = torch.where(hit, frame.gbuffer.albedo, 1)
             image = modulate(image, albedo) + _fill_emission(frame, normal, position)
         return Denoised(image)
 

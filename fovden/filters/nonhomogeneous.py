@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from itertools import pairwise
+from functools import partial
+from itertools import chain, pairwise
 from typing import Literal, TypedDict, Unpack
 
 import torch
@@ -32,6 +33,7 @@ from fovden.filters.guided import GuidedDenoiser
 from fovden.filters.holes import fill_holes as fill
 from fovden.filters.operator import run_passes
 from fovden.filters.passes import (
+    GuideCurve,
     MaskAt,
     Pass,
     PassOptions,
@@ -41,8 +43,10 @@ from fovden.filters.passes import (
     begin,
     paste,
     require_choice,
+    scale_widths,
 )
-from fovden.filters.taps import Border
+from fovden.filters.stack import TapKernel, hole_widths, plan_passes
+from fovden.filters.taps import Border, Sigmas
 
 __all__ = ["LEVELS", "NonHomogeneousAtrous"]
 
@@ -72,6 +76,9 @@ class _Options(TypedDict, total=False):
     sigma_by: SigmaBy
     demodulate: bool
     relative: bool
+    guide_curve: GuideCurve
+    per_pass: bool
+    learn_kernel: bool
 
 
 class NonHomogeneousAtrous(GuidedDenoiser):
@@ -133,6 +140,11 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         sigma_by: F12.
         demodulate: F13.
         relative: Whether widths are in the view's own units of radiance and length, or literally in the frame's.
+        guide_curve: What is compared of radiance c: ``"linear"``, c, or ``"log"``, log(1 + c), as for
+            :class:`fovden.filters.Atrous`.
+        per_pass: Whether each pass of each layer has three widths of its own.
+        learn_kernel: Whether each pass of each layer has a kernel of its own, which is learned
+            (:class:`fovden.filters.TapKernel`); with ``layers="interleaved"`` that is composed of torch operations.
 
     Raises:
         ValueError: If there is no level, one is below 1, a width is not positive, or an option is none of those
@@ -176,6 +188,9 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         sigma_by: SigmaBy = "pass",
         demodulate: bool = False,
         relative: bool = True,
+        guide_curve: GuideCurve = "linear",
+        per_pass: bool = False,
+        learn_kernel: bool = False,
     ) -> None:
         super().__init__(relative=relative, demodulate=demodulate, seam=seam)
         require(len(levels) > 0, "levels", levels, "at least one layer")
@@ -186,7 +201,7 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         require_choice("mask_update", mask_update, MaskUpdate)
         self.layers = layers
         self.fill_holes = fill_holes
-        self.options = PassOptions(mask_at, guide, unsampled_guide, mask_update == "fill", border)
+        self.options = PassOptions(mask_at, guide, unsampled_guide, mask_update == "fill", border, guide_curve)
         widths = zip(
             self._per_layer("sigma_radiance", sigma_radiance),
             self._per_layer("sigma_normal", sigma_normal),
@@ -194,8 +209,15 @@ class NonHomogeneousAtrous(GuidedDenoiser):
             strict=True,
         )
         self.edge_stopping = nn.ModuleList(
-            EdgeStopping(*sigmas, schedule=schedule, sigma_by=sigma_by) for sigmas in widths
+            EdgeStopping(*sigmas, schedule=schedule, sigma_by=sigma_by, passes=level if per_pass else None)
+            for sigmas, level in zip(widths, self.levels, strict=True)
         )
+        kernels = nn.ModuleList(TapKernel(level) for level in self.levels) if learn_kernel else None
+        self.register_module("kernel", kernels)
+        self.per_pass = per_pass
+        self.learn_kernel = learn_kernel
+
+    kernel: nn.ModuleList | None
 
     @classmethod
     def base(cls, level: int = LEVELS[2], **options: Unpack[_Options]) -> NonHomogeneousAtrous:
@@ -248,8 +270,12 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         position: Tensor,
         mask: Tensor | None = None,
         layer: Tensor | None = None,
+        factors: Tensor | None = None,
     ) -> Tensor:
         """Returns the filtered radiance of plain tensors; see :meth:`fovden.filters.GuidedDenoiser.filter`.
+
+        ``factors``, shape (v, 3, h, w), positive, multiply the widths of radiance, normal and position at each pixel,
+        in each pass and where holes are filled. Differentiable in them too.
 
         Raises:
             ValueError: If a layer is negative.
@@ -263,50 +289,54 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         layer = self._layer_of(radiance, layer)
         if b is not None and (self.options.mask_at == "center" or self.options.unsampled_guide == "literal"):
             c = torch.where(b > 0, c, 0)  # these readings look at an unsampled pixel's own light, which is none
+        if factors is not None:
+            require_shapes("v 3 h w", radiance=radiance, factors=factors)
+        stacks = [self._passes(index) for index in range(len(self.levels))]
+        run = partial(run_passes, normal=n, position=x, region=layer, factors=factors, options=self.options)
         start = begin(c, b)
         if self.layers == "snapshot":
             state = start
-            for index in range(len(self.levels)):
-                alone = run_passes(start, n, x, self._passes(index), region=layer, options=self.options)
-                state = paste(layer == index, alone, state)
+            for index, passes in enumerate(stacks):
+                state = paste(layer == index, run(start, passes=passes), state)
         else:
-            passes = self._in_turn() if self.layers == "sequential" else self._interleaved()
-            state = run_passes(start, n, x, passes, region=layer, options=self.options)
-        return self._fill(state, n, x, layer)
+            order = _in_turn if self.layers == "sequential" else _interleave
+            state = run(start, passes=order(stacks))
+        return self._fill(state, n, x, layer, stacks, factors)
 
     def _passes(self, index: int) -> list[Pass]:
         """A layer's passes, in the order in which they run, each on a level of its own."""
         steps = [2**level for level in reversed(range(self.levels[index]))]
-        edge_stopping = self.edge_stopping[index]
+        edge_stopping, kernel = self.edge_stopping[index], None if self.kernel is None else self.kernel[index]
         assert isinstance(edge_stopping, EdgeStopping)
-        pairs = zip(steps, edge_stopping.passes(steps), strict=True)
-        return [Pass(step, sigmas, index, level) for level, (step, sigmas) in enumerate(pairs)]
+        assert kernel is None or isinstance(kernel, TapKernel)
+        return plan_passes(steps, edge_stopping, kernel, index)
 
-    def _in_turn(self) -> list[Pass]:
-        """The layers' passes one after the other, from the innermost layer outwards."""
-        passes = [each for index in range(len(self.levels)) for each in self._passes(index)]
-        return [each._replace(level=level) for level, each in enumerate(passes)]
-
-    def _interleaved(self) -> list[Pass]:
-        """The layers' passes by their steps, the largest first; those of one step read the same image."""
-        passes = [each for index in range(len(self.levels)) for each in self._passes(index)]
-        return [each._replace(level=-each.step) for each in sorted(passes, key=lambda each: -each.step)]
-
-    def _fill(self, state: State, normal: Tensor, position: Tensor, layer: Tensor) -> Tensor:
+    def _fill(
+        self,
+        state: State,
+        normal: Tensor,
+        position: Tensor,
+        layer: Tensor,
+        stacks: Sequence[Sequence[Pass]],
+        factors: Tensor | None,
+    ) -> Tensor:
         if not torch.compiler.is_compiling() and bool(state.known.all()):
             return state.image
         image = torch.where(state.known, state.image, 0)
         if self.options.mask_at == "center" or not self.fill_holes:
             return image
-        widths, layer = [self._passes(index)[0].sigmas for index in range(len(self.levels))], layer.long()
+        by_layer = zip(*map(hole_widths, stacks), strict=True)
+        layer = layer.long()
+        widths = Sigmas(*(torch.stack([torch.as_tensor(width) for width in kind])[layer] for kind in by_layer))
+        widths = scale_widths(widths, factors)
         return fill(
             image,
             ~state.known,
             state.mask,
             normal,
             position,
-            sigma_normal=torch.stack([torch.as_tensor(width.normal) for width in widths])[layer],
-            sigma_position=torch.stack([torch.as_tensor(width.position) for width in widths])[layer],
+            sigma_normal=widths.normal,
+            sigma_position=widths.position,
         )
 
     def _layer_of(self, radiance: Tensor, layer: Tensor | None) -> Tensor:
@@ -336,3 +366,14 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         readings = {"layers": self.layers, **vars(self.options), "seam": self.seam, "fill_holes": self.fill_holes}
         units = {"demodulate": self.demodulate, "relative": self.relative}
         return ", ".join(f"{name}={value!r}" for name, value in {"levels": self.levels, **readings, **units}.items())
+
+
+def _in_turn(stacks: Sequence[Sequence[Pass]]) -> list[Pass]:
+    """The layers' passes one after the other, from the innermost layer outwards."""
+    return [each._replace(level=level) for level, each in enumerate(chain.from_iterable(stacks))]
+
+
+def _interleave(stacks: Sequence[Sequence[Pass]]) -> list[Pass]:
+    """The layers' passes by their steps, the largest first; those of one step read the same image."""
+    by_step = sorted(chain.from_iterable(stacks), key=lambda each: -each.step)
+    return [each._replace(level=-each.step) for each in by_step]

@@ -231,7 +231,8 @@ def run_passes(
     """Returns the state after a stack of passes: fused where that is possible, composed of torch operations elsewhere.
 
     Fused are float32 tensors on the CPU with three channels of radiance, with the taps outside the image left out and
-    the image so far as a guide, which are the defaults.
+    the image so far as a guide, as it is, which are the defaults. Kernels, where there are any, must belong to all
+    passes, each of which must have a level of its own.
 
     Args:
         state: The state before.
@@ -273,9 +274,8 @@ def run_passes(
         torch.stack([torch.as_tensor(sigma, dtype=dtype) for sigma in (s.radiance, step * s.normal, s.position)])
         for step, s, *_ in passes
     ]
-    kernels = (
-        None if passes[0].kernel is None else torch.stack([each.kernel for each in passes if each.kernel is not None])
-    )
+    taps_of = [each.kernel.to(dtype) for each in passes if each.kernel is not None]
+    kernels = torch.stack(taps_of) if taps_of else None
     inverse = torch.stack(widths) ** -2
     factors = None if factors is None else factors.to(dtype).expand_as(image) ** -2
     wanted = (image, normal, position, taps, inverse, factors, kernels)
@@ -311,6 +311,7 @@ def _can_fuse(state: State, passes: Sequence[Pass], options: PassOptions) -> boo
         and options.guide == "current"
         and options.unsampled_guide != "nearest"
         and options.border == "skip"
+        and options.guide_curve == "linear"
         and (not any(kernels) or (all(kernels) and not joined))
         and all(0 <= each.label < NOWHERE for each in passes)
     )

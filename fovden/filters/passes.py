@@ -14,6 +14,7 @@ from fovden.filters.nearest import nearest_sampled
 from fovden.filters.taps import Border, Sigmas, blend_taps
 
 __all__ = [
+    "GuideCurve",
     "MaskAt",
     "Pass",
     "PassOptions",
@@ -24,6 +25,7 @@ __all__ = [
     "begin",
     "compose",
     "paste",
+    "scale_widths",
 ]
 
 MaskAt = Literal["neighbor", "center"]
@@ -31,6 +33,9 @@ MaskAt = Literal["neighbor", "center"]
 
 RadianceGuide = Literal["current", "input"]
 """Whose differences of radiance are weighed: those of the image so far or of the noisy one."""
+
+GuideCurve = Literal["linear", "log"]
+"""What is compared of radiance c: c itself, or log(1 + c)."""
 
 UnsampledGuide = Literal["drop", "literal", "nearest"]
 """What a pixel without a value compares with its taps: nothing, its 0, or the nearest sampled pixel's radiance."""
@@ -88,10 +93,11 @@ class PassOptions:
     unsampled_guide: UnsampledGuide = "drop"
     fill: bool = False
     border: Border = "skip"
+    guide_curve: GuideCurve = "linear"
 
     def __post_init__(self) -> None:
         readings = {"mask_at": MaskAt, "guide": RadianceGuide, "unsampled_guide": UnsampledGuide, "border": Border}
-        for name, literal in readings.items():
+        for name, literal in {**readings, "guide_curve": GuideCurve}.items():
             require_choice(name, getattr(self, name), literal)
 
 
@@ -142,6 +148,25 @@ def paste(region: Tensor, new: State, old: State) -> State:
     return State(*(torch.where(region, inside, outside) for inside, outside in zip(new, old, strict=True)))
 
 
+def scale_widths(sigmas: Sigmas, factors: Tensor | None) -> Sigmas:
+    """Returns the widths multiplied by their factors at each pixel.
+
+    Args:
+        sigmas: Widths of radiance, normal and position.
+        factors: What they are multiplied by, shape (v, 3, h, w); ``None`` means 1.
+
+    Returns:
+        The widths, each of shape (v, 1, h, w) if there are factors.
+
+    Example:
+        >>> scale_widths(Sigmas(1.0, 0.5, 2.0), torch.full((1, 3, 1, 1), 4.0)).normal.item()
+        2.0
+    """
+    if factors is None:
+        return sigmas
+    return Sigmas(*(sigma * factor for sigma, factor in zip(sigmas, torch.tensor_split(factors, 3, 1), strict=True)))
+
+
 def compose(
     state: State,
     normal: Tensor,
@@ -177,10 +202,7 @@ def compose(
     for each in passes:
         if each.level != level:
             before, level = state, each.level
-        sigmas = each.sigmas
-        if factors is not None:
-            widths = zip(each.sigmas, torch.tensor_split(factors, 3, dim=1), strict=True)
-            sigmas = Sigmas(*(sigma * factor for sigma, factor in widths))
+        sigmas = scale_widths(each.sigmas, factors)
         own = None if region is None else region == each.label
         new = advance(
             before, normal, position, step=each.step, sigmas=sigmas, region=own, kernel=each.kernel, options=options
@@ -223,6 +245,8 @@ def advance(
     """
     image, mask, known, first = state
     guide = first if options.guide == "input" else image
+    if options.guide_curve == "log":
+        guide = guide.log1p()
     centre = guide
     dropped: Tensor | None = known
     if options.unsampled_guide == "literal":

@@ -102,6 +102,10 @@ def schedule_twin(levels, schedule, sigma_by):
         yield 2**scale, math.sqrt(phi)
 
 
+def paste(inside, new, old):
+    return {key: np.where(inside, new[key], old[key]) for key in old}
+
+
 def nonhomogeneous_twin(
     c,
     n,
@@ -120,16 +124,28 @@ def nonhomogeneous_twin(
     border="skip",
     schedule="halve_sigma",
     sigma_by="pass",
+    guide_curve="linear",
+    kernels=None,
+    factors=None,
 ):
-    """The reference procedure: layer by layer, pass by pass, holes at the end. ``sigmas`` is one triple per layer."""
+    """The reference procedure: layer by layer, pass by pass, holes at the end.
+
+    ``sigmas`` is a triple per layer, of numbers or of lists by pass; ``kernels`` has an array for each layer and pass.
+    """
     layer = np.minimum(layer, len(levels) - 1)
     raw = {"c": c.copy(), "b": b.copy(), "known": b > 0, "first": c.copy()}
 
+    def widths(index, k, factor):
+        own = [width[k] if isinstance(width, list) else width for width in sigmas[index]]
+        own[0] *= factor
+        return own if factors is None else [width * factors[:, j : j + 1] for j, width in enumerate(own)]
+
     def run(image, index, k):
         step, factor = list(schedule_twin(levels[index], schedule, sigma_by))[k]
-        sigma = (sigmas[index][0] * factor, *sigmas[index][1:])
+        sigma = widths(index, k, factor)
         region = layer == index
-        rt = image["c"] if guide == "current" else image["first"]
+        rt = image["c" if guide == "current" else "first"]
+        rt = np.log(1 + rt) if guide_curve == "log" else rt
         centre, known = rt, image["known"]
         if unsampled_guide != "drop":
             known = None
@@ -140,7 +156,7 @@ def nonhomogeneous_twin(
             region, taps = region & (image["b"] > 0), np.ones_like(b)
         new, total = pass_twin(
             image["c"], n, x, taps, step, sigma, region=region, known=known, guide=rt, centre=centre,
-            clamp=border == "clamp",
+            clamp=border == "clamp", kernel=None if kernels is None else kernels[index][k],
         )  # fmt: skip
         filled = total > 1e-20
         return {
@@ -149,9 +165,6 @@ def nonhomogeneous_twin(
             "known": image["known"] | filled,
             "first": np.where(filled & ~image["known"], new, image["first"]),
         }
-
-    def paste(index, new, old):
-        return {key: np.where(layer == index, new[key], old[key]) for key in old}
 
     state = raw
     if layers == "sequential":
@@ -163,14 +176,15 @@ def nonhomogeneous_twin(
             own = raw
             for k in range(levels[index]):
                 own = run(own, index, k)
-            state = paste(index, own, state)
+            state = paste(layer == index, own, state)
     if layers == "interleaved":
         for scale in range(max(levels) - 1, -1, -1):
             before = state
             for index in range(len(levels)):
                 if scale < levels[index]:
-                    state = paste(index, run(before, index, levels[index] - 1 - scale), state)
+                    state = paste(layer == index, run(before, index, levels[index] - 1 - scale), state)
     if not fill_holes or mask_at == "center":
         return state["c"]
-    sigma_n, sigma_x = (np.array([s[k] for s in sigmas])[layer] for k in (1, 2))
+    last = [widths(index, -1, 1) for index in range(len(levels))]  # of step 1, as the first taps of the filling
+    sigma_n, sigma_x = (sum((layer == index) * own[k] for index, own in enumerate(last)) for k in (1, 2))
     return fill_twin(state["c"], ~state["known"], state["b"], n, x, sigma_n, sigma_x)
