@@ -74,7 +74,7 @@ class Package:
         kernels.mkdir(parents=True)
         for folder in (self.root, self.root / "tracer", kernels):
             (folder / "__init__.py").touch()
-        for name in ("checks.py", "jit.py", "rng.py", "simd.py"):
+        for name in ("_inlining.py", "checks.py", "jit.py", "rng.py", "simd.py"):
             shutil.copy(Path(fovden.__file__).parent / name, self.root)
         self.add = kernels / "add.py"
         self.add.write_text(KERNELS)
@@ -182,3 +182,40 @@ def test_without_a_writable_folder_one_warning_and_a_temporary_one(package, vari
     assert "NUMBA_CACHE_DIR" in result["warnings"][0]
     assert Path(result["folder"]).is_relative_to(package.temporary)
     assert list(package.temporary.iterdir()) == []  # removed when the process ended
+
+
+def test_what_is_inlined_is_a_part_of_the_kernels_on_the_disk(package):
+    first = package.run()
+    kept = {path.name.partition("-")[0] for path in Path(first["folder"]).rglob("*.nbi")}
+    assert kept == {"add.add", "add.add_twice"}
+
+
+def test_the_collector_of_cycles_waits_for_the_compilation_alone():
+    program = """
+import gc
+from numba.core import event
+from fovden.jit import kernel
+seen = []
+class During(event.Listener):
+    def on_start(self, _): seen.append(gc.isenabled())
+    def on_end(self, _): pass
+event.register("numba:compile", During())
+for switch in (gc.enable, gc.disable):
+    switch()
+    before = gc.isenabled()
+    @kernel
+    def add(a):
+        return a + 1
+    @kernel
+    def broken(a):
+        return a + nothing
+    add(1)
+    try:
+        broken(1)
+    except Exception:
+        pass
+    assert gc.isenabled() is before
+assert seen and not any(seen), seen
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
