@@ -138,7 +138,7 @@ def _draw_losses(panel: Any, measurements: Sequence[Measurement], scene: str, gr
     levels = 8 if np.ptp(surface) > 0 else None
     colours = panel.contourf(radii, widths, surface, levels=levels, cmap="Greys", alpha=0.7)
     best = min(losses, key=lambda place: losses[place])
-    panel.plot(*best, marker="+", markersize=8, color=INK, linestyle="", label="best of the grid")
+    panel.plot(*best, marker="+", markersize=8, color=INK, linestyle="", clip_on=False)
     for method, style in STYLES.items():
         kept = method.endswith("layers kept")
         way = path_of_radii(measurements, scene, method)
