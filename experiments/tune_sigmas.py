@@ -40,7 +40,7 @@ from fovden.io import atomic_write
 from fovden.results import Measurement, Run, read_metrics
 from fovden.tuning import ImageError, fit, readable
 
-__all__ = ["METHODS", "VARIANTS", "Settings", "main", "table"]
+__all__ = ["METHODS", "VARIANTS", "Settings", "cells", "collected", "main", "table"]
 
 METHODS: Mapping[str, Callable[..., NonHomogeneousAtrous]] = {
     "Base": NonHomogeneousAtrous.base,
@@ -237,36 +237,55 @@ def judge(frames: Frames, scene: str, rows: Mapping[str, NonHomogeneousAtrous]) 
     return found
 
 
-def table(measurements: Sequence[Measurement], names: Sequence[str] = JUDGED) -> str:
-    """Returns the means over test poses and eyes, with the spread over the seeds, and what the other scenes' fits give.
+def collected(measurements: Sequence[Measurement], region: str = "whole") -> dict[tuple[str, str, str], list[float]]:
+    """Returns scores by scene, method and metric: one for each seed, or for each scene that others' widths are from.
+
+    Each is the mean over the test poses.
 
     Example:
-        >>> rows = [Measurement("atrium", 0, 0, "Base, by hand", "whole", "rmse", 0.5)]
-        >>> print(table(rows, ["rmse"]))
+        >>> rows = [Measurement("atrium", pose, "", "Base, by hand", "whole", "rmse", 0.5) for pose in range(2)]
+        >>> collected(rows)
+        {('atrium', 'Base, by hand', 'rmse'): [0.5]}
+    """
+    values: dict[tuple[str, str, str], dict[str, list[float]]] = {}
+    for row in measurements:
+        if not row.scene or row.region != region:
+            continue
+        method, _, seed = row.method.partition(", seed ")
+        kind, _, source = method.rpartition(" of ")
+        if kind:
+            method, seed = (kind, seed) if source == row.scene else (f"{kind} of others", source)
+        values.setdefault((row.scene, method, row.metric), {}).setdefault(seed, []).append(row.value)
+    return {key: [statistics.mean(each) for each in by_seed.values()] for key, by_seed in values.items()}
+
+
+def cells(measurements: Sequence[Measurement], metrics: Sequence[str], region: str = "whole") -> list[list[str]]:
+    """Returns a line for each scene and method: means, and the standard deviation over seeds or other scenes.
+
+    Example:
+        >>> cells([Measurement("atrium", 0, "", "Base, by hand", "whole", "rmse", 0.5)], ["rmse"])
+        [['atrium', 'Base, by hand', '0.5000']]
+    """
+    found, lines = collected(measurements, region), []
+    for scene, method in dict.fromkeys(key[:2] for key in found):
+        line = [scene, method]
+        for metric in metrics:
+            values, digits = found[scene, method, metric], 2 if metric == "psnr" else 4
+            spread = f" ± {statistics.stdev(values):.{digits}f}" if len(values) > 1 else ""
+            line.append(f"{statistics.mean(values):.{digits}f}{spread}")
+        lines.append(line)
+    return lines
+
+
+def table(measurements: Sequence[Measurement], metrics: Sequence[str] = JUDGED) -> str:
+    """Returns the lines of :func:`cells` as text.
+
+    Example:
+        >>> print(table([Measurement("atrium", 0, "", "Base, by hand", "whole", "rmse", 0.5)], ["rmse"]))
         scene   method         rmse
         atrium  Base, by hand  0.5000
     """
-    measurements = [row for row in measurements if row.scene]
-    scenes = list(dict.fromkeys(row.scene for row in measurements))
-    values: dict[tuple[str, str, str], dict[str, list[float]]] = {}
-    for row in measurements:
-        if row.region != "whole":
-            continue
-        method, _, seed = row.method.partition(", seed ")
-        if " of " in method:
-            kind, _, source = method.rpartition(" of ")
-            method = kind if source == row.scene else f"{kind} of others"
-            seed = seed if source == row.scene else f"{source} {seed}"
-        values.setdefault((row.scene, method, row.metric), {}).setdefault(seed, []).append(row.value)
-    lines = [["scene", "method", *names]]
-    for scene in scenes:
-        for method in dict.fromkeys(key[1] for key in values if key[0] == scene):
-            cells = []
-            for name in names:
-                means = [statistics.mean(each) for each in values[scene, method, name].values()]
-                spread = f" ± {statistics.stdev(means):.4f}" if len(means) > 1 else ""
-                cells.append(f"{statistics.mean(means):.4f}{spread}")
-            lines.append([scene, method, *cells])
+    lines = [["scene", "method", *metrics], *cells(measurements, metrics)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     padded = ("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
     return "\n".join(line.rstrip() for line in padded)
