@@ -33,6 +33,7 @@ from experiments.frame_sets import SCENES, frame_set
 from experiments.harness import run_script
 from fovden import metrics
 from fovden.comparison.methods import file_name
+from fovden.figures import draw_fitted, scores_of_fits
 from fovden.filters import NonHomogeneousAtrous
 from fovden.foveation import ThreeLayer
 from fovden.frame import Frame, Reference
@@ -40,7 +41,7 @@ from fovden.io import atomic_write
 from fovden.results import Measurement, Run, read_metrics
 from fovden.tuning import ImageError, fit, readable
 
-__all__ = ["METHODS", "VARIANTS", "Settings", "cells", "collected", "main", "table"]
+__all__ = ["METHODS", "VARIANTS", "Settings", "cells", "main", "table"]
 
 METHODS: Mapping[str, Callable[..., NonHomogeneousAtrous]] = {
     "Base": NonHomogeneousAtrous.base,
@@ -201,7 +202,7 @@ def study(settings: Settings, light: str, folder: Path, frames: Frames) -> None:
         with run.stage("judge"):
             for scene in settings.scenes:
                 run.measurements += judge(frames, scene, rows)
-    print(f"\n{light}\n{table(read_metrics(run.folder))}")
+    print(f"\n{light}\n{table(read_metrics(run.folder))}\nfigure: {draw_fitted(run.folder)}")
 
 
 def kept_by_hand(settings: Settings, frames: Frames, light: str, path: Path) -> dict[str, float]:
@@ -237,28 +238,6 @@ def judge(frames: Frames, scene: str, rows: Mapping[str, NonHomogeneousAtrous]) 
     return found
 
 
-def collected(measurements: Sequence[Measurement], region: str = "whole") -> dict[tuple[str, str, str], list[float]]:
-    """Returns scores by scene, method and metric: one for each seed, or for each scene that others' widths are from.
-
-    Each is the mean over the test poses.
-
-    Example:
-        >>> rows = [Measurement("atrium", pose, "", "Base, by hand", "whole", "rmse", 0.5) for pose in range(2)]
-        >>> collected(rows)
-        {('atrium', 'Base, by hand', 'rmse'): [0.5]}
-    """
-    values: dict[tuple[str, str, str], dict[str, list[float]]] = {}
-    for row in measurements:
-        if not row.scene or row.region != region:
-            continue
-        method, _, seed = row.method.partition(", seed ")
-        kind, _, source = method.rpartition(" of ")
-        if kind:
-            method, seed = (kind, seed) if source == row.scene else (f"{kind} of others", source)
-        values.setdefault((row.scene, method, row.metric), {}).setdefault(seed, []).append(row.value)
-    return {key: [statistics.mean(each) for each in by_seed.values()] for key, by_seed in values.items()}
-
-
 def cells(measurements: Sequence[Measurement], metrics: Sequence[str], region: str = "whole") -> list[list[str]]:
     """Returns a line for each scene and method: means, and the standard deviation over seeds or other scenes.
 
@@ -266,7 +245,7 @@ def cells(measurements: Sequence[Measurement], metrics: Sequence[str], region: s
         >>> cells([Measurement("atrium", 0, "", "Base, by hand", "whole", "rmse", 0.5)], ["rmse"])
         [['atrium', 'Base, by hand', '0.5000']]
     """
-    found, lines = collected(measurements, region), []
+    found, lines = scores_of_fits(measurements, region), []
     for scene, method in dict.fromkeys(key[:2] for key in found):
         line = [scene, method]
         for metric in metrics:

@@ -5,7 +5,7 @@ import math
 import pytest
 from PIL import Image
 
-from fovden.figures import draw_convergence, draw_falloff
+from fovden.figures import draw_convergence, draw_falloff, draw_fitted, scores_of_fits
 from fovden.figures.convergence import convergence_slope, noise_by_samples
 from fovden.figures.falloff import losses_by_radii, path_of_radii
 from fovden.results import read_metrics
@@ -83,6 +83,11 @@ def test_widths_are_tuned_and_judged_and_kept(tmp_path, capsys):
             assert {(method, metric) for metric in ("rmse", "psnr", "ssim", "flip")} <= scores
         widths = {row.method: row.value for row in rows if row.metric == "edge_stopping.0.sigma_radiance"}
         assert any(widths["Base, by hand"] == pytest.approx(width) for width in settings.grid[0])
+        assert draw_fitted(tmp_path / light).read_bytes() == (tmp_path / light / "fitted.png").read_bytes()
+        found = scores_of_fits(rows)
+        assert len(found["atrium", "NH3LD, passes", "rmse"]) == settings.seeds
+        own = [row.value for row in rows if (row.method, row.metric, row.region) == ("Base, by hand", "ssim", "whole")]
+        assert found["atrium", "Base, by hand", "ssim"] == pytest.approx([sum(own) / 2])  # of two poses
     kept = {path: path.read_bytes() for path in (tmp_path / "literal" / "fits").rglob("checkpoint.safetensors")}
     assert len(kept) == 8
     tune_sigmas.run(settings, tmp_path)
