@@ -111,7 +111,7 @@ class Pose:
         frame = self.foveated(choice)
         with torch.no_grad():
             image = denoiser(frame).image
-        return image, work_of(frame, choice.levels, denoiser.looks)
+        return image, work_of(frame, choice.levels, denoiser.seconds_filling)
 
     def errors(self, image: Tensor, l2: float = 5.0, ssim: float = 0.05) -> tuple[float, float]:
         """Returns how far an image is off: with all pixels alike, and weighted by acuity; means over the eyes.

@@ -63,8 +63,8 @@ def draw_front(folder: str | os.PathLike[str]) -> Path:
     """Draws ``front.png`` into a folder that ``experiments/search_levels.py`` wrote, from its numbers.
 
     One panel for each error: all settings that were tried, the front, the paper's filters, each with the widths that
-    are best for it, and Base with 1, 2, ... samples per pixel. The last panel has the time of the denoiser alone, for
-    all numbers of passes at the paper's foveation.
+    are best for it, and Base with 1, 2, ... samples per pixel. The last panel has the time of the passes alone, for
+    all numbers of them at the paper's foveation, each with its best widths.
 
     Args:
         folder: The folder, with ``metrics.csv``.
@@ -82,7 +82,7 @@ def draw_front(folder: str | os.PathLike[str]) -> Path:
         >>> with Run(tempfile.mkdtemp(), {}) as run:
         ...     for passes in (1, 2, 3):
         ...         region = f"1-1-{passes} 1 2 0.5 4 0"
-        ...         values = {"seconds": passes, "seconds_denoise": passes, "error": 1 / passes, "error_acuity": 2.0}
+        ...         values = {"seconds": passes, "seconds_passes": passes, "error": 1 / passes, "error_acuity": 2.0}
         ...         run.measurements += [Measurement("a", 0, "", "grid", region, *each) for each in values.items()]
         >>> draw_front(run.folder).name
         'front.png'
@@ -98,11 +98,11 @@ def draw_front(folder: str | os.PathLike[str]) -> Path:
             _draw_trials(panel, tried, papers)
             panel.set_title(f"error, {title}", loc="left")
             panel.set_xlabel("time of a frame / s")
-        grid = trials_by(measurements, ["grid"], cost="seconds_denoise")
-        papers = {name: trials_by(measurements, [name], cost="seconds_denoise") for name in PAPERS[1:]}
+        grid = trials_by(measurements, ["grid"], cost="seconds_passes")
+        papers = {name: trials_by(measurements, [name], cost="seconds_passes") for name in PAPERS[1:]}
         _draw_trials(panels[-1], best_of(grid, "levels"), papers)
         panels[-1].set_title("all passes, the paper's paths", loc="left")
-        panels[-1].set_xlabel("time of the denoiser / s")
+        panels[-1].set_xlabel("time of the passes / s")
         panels[0].set_ylabel("error")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=SMALL)
