@@ -59,8 +59,9 @@ class Choice(NamedTuple):
             **options: Further keywords of :class:`fovden.filters.NonHomogeneousAtrous`.
 
         Example:
-            >>> BASE._replace(wide=1).denoiser((32, 0.025, 0.01)).edge_stopping[0].sigma_normal.item()
-            0.05...
+            >>> denoiser = BASE._replace(wide=1).denoiser((32, 0.025, 0.01))
+            >>> round(denoiser.edge_stopping[0].sigma_normal.item(), 6)
+            0.05
         """
         radiance, normal, position = sigmas
         wider = {"sigma_normal": normal * 2**self.wide, "sigma_position": position * 2**self.wide}

@@ -73,7 +73,7 @@ class Settings:
         most_spp: Most samples per traced pixel.
         trials: Trials of each of both searches.
         random: Settings drawn at random.
-        wides: Widths of the grid of all numbers of passes, and of the paper's filters; see ``Choice``.
+        wides: Widths of the grid of all numbers of passes, see ``Choice``; the paper's filters get those between, too.
         rounds: Rounds in which costs are measured, for each scene.
         judged: Settings of each front that are judged on test frames.
         fitted: Settings of the first front to which widths are fitted.
@@ -92,13 +92,13 @@ class Settings:
     scenes: tuple[str, ...] = ("sponza", "atrium")
     resolution: tuple[int, int] = (540, 480)
     reference_spp: int = 512
-    poses: int = 3
-    draws: int = 2
+    poses: int = 2
+    draws: int = 1
     most_passes: int = 6
     most_spp: int = 8
-    trials: int = 220
-    random: int = 100
-    wides: tuple[float, ...] = (0, 1, 2, 3, 4)
+    trials: int = 160
+    random: int = 60
+    wides: tuple[float, ...] = (1, 2, 3, 4)
     rounds: int = 6
     judged: int = 7
     fitted: int = 3
@@ -285,11 +285,13 @@ def study(settings: Settings, folder: Path, record: Run) -> None:
         for scene in poses
     }
     trials = Trials(settings, poses, costs)
-    papers = [("Base", BASE._replace(spp=spp)) for spp in range(1, settings.most_spp + 1)]
+    papers = [("Base", BASE._replace(spp=2**power)) for power in range(settings.most_spp.bit_length())]
     papers += [("NH2LD", NH2LD), ("NH3LD", NH3LD)]
     named: dict[tuple[str, int], list[Trial]] = {}
     with record.stage("named"):
-        for (method, choice), wide in itertools.product(papers, settings.wides):
+        for (method, choice), wide in itertools.product(
+            papers, sorted({*settings.wides, *(wide - 0.5 for wide in settings.wides)})
+        ):
             wider = choice._replace(wide=wide)
             found = trials.outcome(wider)
             record.measurements += rows_of(method, wider, found, 0)
@@ -346,7 +348,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the script and returns the exit status."""
     small = Settings(
         ("atrium",), (32, 32), 8, poses=1, draws=1, most_passes=5, most_spp=4, trials=12, random=3,
-        rounds=1, judged=2, fitted=1, steps=2, wides=(0, 2),
+        rounds=1, judged=2, fitted=1, steps=2, wides=(1, 3),
     )  # fmt: skip
     presets: dict[str, Callable[[], Settings]] = {
         "smoke": lambda: small,
