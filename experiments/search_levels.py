@@ -347,8 +347,8 @@ def run(settings: Settings, folder: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the script and returns the exit status."""
     small = Settings(
-        ("atrium",), (32, 32), 8, poses=1, draws=1, most_passes=5, most_spp=4, trials=12, random=3,
-        rounds=1, judged=2, fitted=1, steps=2, wides=(1, 3),
+        ("atrium",), (32, 32), 8, poses=1, draws=1, most_passes=5, most_spp=4, trials=8, random=3,
+        rounds=1, judged=2, fitted=1, steps=2, wides=(2,),
     )  # fmt: skip
     presets: dict[str, Callable[[], Settings]] = {
         "smoke": lambda: small,

@@ -95,12 +95,12 @@ def draw_front(folder: str | os.PathLike[str]) -> Path:
         for panel, (error, title) in zip(panels, ERRORS.items(), strict=False):
             tried = trials_by(measurements, TRIED, error=error)
             papers = {name: trials_by(measurements, [name], error=error) for name in PAPERS}
-            _draw_trials(panel, tried, papers)
+            _draw_trials(panel, tried, papers, "{levels}, {spp} spp")
             panel.set_title(f"error, {title}", loc="left")
             panel.set_xlabel("time of a frame / s")
         grid = trials_by(measurements, ["grid"], cost="seconds_passes")
         papers = {name: trials_by(measurements, [name], cost="seconds_passes") for name in PAPERS[1:]}
-        _draw_trials(panels[-1], best_of(grid, "levels"), papers)
+        _draw_trials(panels[-1], best_of(grid, "levels"), papers, "{levels}")
         panels[-1].set_title("all passes, the paper's paths", loc="left")
         panels[-1].set_xlabel("time of the passes / s")
         panels[0].set_ylabel("error")
@@ -126,7 +126,7 @@ def best_of(trials: Sequence[Trial], name: str) -> list[Trial]:
     return list(found.values())
 
 
-def _draw_trials(panel: Any, tried: Sequence[Trial], papers: Mapping[str, Sequence[Trial]]) -> None:
+def _draw_trials(panel: Any, tried: Sequence[Trial], papers: Mapping[str, Sequence[Trial]], words: str) -> None:
     front = pareto_front(tried)
     panel.plot(*_points(tried), ".", color=GRID, markersize=3, label="tried", zorder=1)
     line = {"color": INK, "linewidth": 0.9, "drawstyle": "steps-post", "marker": ".", "markersize": 4}
@@ -150,7 +150,7 @@ def _draw_trials(panel: Any, tried: Sequence[Trial], papers: Mapping[str, Sequen
     panel.set_ylim(least / 1.15, max(middle * 1.6, least * 2))
     shown = [trial.cost for trial in tried if trial.error <= panel.get_ylim()[1]]
     panel.set_xlim(min(shown) / 1.15, max(shown) * 1.15)
-    _label(panel, front)
+    _label(panel, front, words)
     for axis in (panel.xaxis, panel.yaxis):
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter("{x:g}")
@@ -162,7 +162,7 @@ def _draw_trials(panel: Any, tried: Sequence[Trial], papers: Mapping[str, Sequen
         panel.spines[side].set_visible(False)
 
 
-def _label(panel: Any, front: Sequence[Trial], count: int = 5) -> None:
+def _label(panel: Any, front: Sequence[Trial], words: str, count: int = 6) -> None:
     """Writes passes and samples beside some of the front, at even steps of its length in the panel."""
     places = [panel.transData.transform((trial.cost, trial.error)) for trial in front]
     last = None
@@ -171,10 +171,9 @@ def _label(panel: Any, front: Sequence[Trial], count: int = 5) -> None:
         if trial.error > panel.get_ylim()[1] or (last is not None and math.dist(last, place) < distance):
             continue
         last = place
-        words = f"{trial.setting['levels'].replace('-', ' ')}, {trial.setting['spp']} spp"
-        panel.annotate(
-            words, (trial.cost, trial.error), (2, 3), textcoords="offset points", fontsize=SMALL - 1, color=FAINT
-        )
+        text = words.format(levels=trial.setting["levels"].replace("-", " "), spp=trial.setting["spp"])
+        beside = {"xytext": (2, 3), "textcoords": "offset points"}
+        panel.annotate(text, (trial.cost, trial.error), **beside, fontsize=SMALL - 1, color=FAINT)
 
 
 def _points(trials: Sequence[Trial]) -> tuple[list[float], list[float]]:

@@ -179,7 +179,7 @@ def search(
 
 def _trials(study: Any) -> list[Trial]:
     return [
-        Trial(number, dict(trial.params), *trial.values, notes=trial.user_attrs.get(NOTES, {}))
+        Trial(number, dict(trial.params), trial.values[0], trial.values[1], trial.user_attrs.get(NOTES, {}))
         for number, trial in enumerate(_completed(study))
     ]
 
