@@ -22,6 +22,7 @@ extensions = [
     "docstrings",
     "gallery",
     "measured",
+    "measured_levels",
 ]
 exclude_patterns = ["data", "pictures"]
 nitpicky = True
