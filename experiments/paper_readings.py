@@ -90,7 +90,7 @@ class Settings:
     scenes: tuple[str, ...] = SCENES
     resolution: tuple[int, int] = (540, 480)
     reference_spp: int = 512
-    steps: int = 48
+    steps: int = 36
     evaluate_every: int = 12
     learning_rate: float = 0.1
     start: Mapping[str, Widths] = field(
