@@ -21,6 +21,7 @@ from typing import Any
 
 import torch
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from benchmarks import harness
 from benchmarks.harness import Table, Times, alternate, available, positive, say
@@ -154,6 +155,9 @@ def draw(data: harness.Data) -> Figure:
         figure.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=4, frameon=False)
         for panel in (left, right):
             panel.set(xscale="log", yscale="log")
+            panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            panel.yaxis.set_major_formatter("{x:g}")
+            panel.yaxis.set_minor_formatter(NullFormatter())
             panel.grid(which="major", color="#d0d0d0", linewidth=0.5)
             for edge in ("top", "right"):
                 panel.spines[edge].set_visible(False)

@@ -10,7 +10,7 @@ from fovden import __version__
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-sys.path[:0] = [str(HERE), str(ROOT)]  # for docstrings.py, gallery.py and measured.py; for the benchmarks' tables
+sys.path[:0] = [str(HERE), str(ROOT)]  # for docstrings.py, gallery.py and the directives; for the benchmarks' tables
 
 project, release, copyright = "fovden", __version__, "the fovden authors"  # noqa: A001 - Sphinx's word
 extensions = [
@@ -22,6 +22,7 @@ extensions = [
     "docstrings",
     "gallery",
     "measured",
+    "measured_tuning",
 ]
 exclude_patterns = ["data", "pictures"]
 nitpicky = True
@@ -49,10 +50,11 @@ napoleon_numpy_docstring = False
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
 
-# Sphinx reads what lies below docs/ alone; the notebook lives beside its script.
-shutil.copy2(ROOT / "notebooks" / "scene_to_comparison.ipynb", HERE)
+# Sphinx reads what lies below docs/ alone; notebooks live beside their scripts.
+for notebook in (ROOT / "notebooks").glob("*.ipynb"):
+    shutil.copy2(notebook, HERE)
 
-# The notebook runs at its small size where FOVDEN_SMALL is set; its outputs are kept while no source changes.
+# Notebooks run at their small size where FOVDEN_SMALL is set; its outputs are kept while no source changes.
 SOURCES = b"".join(path.read_bytes() for path in sorted((ROOT / "fovden").rglob("*.py")))
 SIZE = "small" if os.environ.get("FOVDEN_SMALL") else "full"
 nb_execution_mode = "cache"

@@ -91,7 +91,7 @@ class Settings:
     step: float = 0.2
     rate: float = 0.15
     temperature: float = 0.1
-    grid: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0)
+    grid: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0, 2.0)
     masks: int = 4
     gradient_masks: int = 24
 

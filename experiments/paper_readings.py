@@ -21,7 +21,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -214,7 +214,8 @@ def run(settings: Settings, folder: Path) -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with Run(folder, settings) as record:
+        kept = {name: value for name, value in asdict(settings).items() if name != "references"}
+        with Run(folder, kept) as record:
             with record.stage("frames"):
                 study = Study(settings, folder)
             rows: dict[str, NonHomogeneousAtrous] = {}

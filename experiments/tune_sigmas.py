@@ -7,8 +7,11 @@ found by a coarse grid for Base on the training frames of the first scene, befor
 Each filter is then fitted on the training frames of each scene, with several seeds, and judged on test frames: of that
 scene, and of the others. Poses and noise of training, held-out and test frames are disjoint.
 
+Learned are the widths of each layer (``sigmas``), or those of each pass and its kernel too (``passes``).
+
 All of it is done twice, with the filters on radiance as it is (``literal``) and on light without albedo
-(``demodulated``); the two have folders, widths by hand and tables of their own. A run that was interrupted goes on.
+(``demodulated``); the two have folders, widths by hand and tables of their own. A run that was interrupted goes on; the
+presets ``literal`` and ``demodulated`` are the halves of ``full``, and may run side by side.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ from experiments.frame_sets import SCENES, frame_set
 from experiments.harness import run_script
 from fovden import metrics
 from fovden.comparison.methods import file_name
+from fovden.figures import draw_fitted, scores_of_fits
 from fovden.filters import NonHomogeneousAtrous
 from fovden.foveation import ThreeLayer
 from fovden.frame import Frame, Reference
@@ -37,7 +41,7 @@ from fovden.io import atomic_write
 from fovden.results import Measurement, Run, read_metrics
 from fovden.tuning import ImageError, fit, readable
 
-__all__ = ["METHODS", "VARIANTS", "Settings", "main", "table"]
+__all__ = ["METHODS", "VARIANTS", "Settings", "cells", "main", "table"]
 
 METHODS: Mapping[str, Callable[..., NonHomogeneousAtrous]] = {
     "Base": NonHomogeneousAtrous.base,
@@ -47,8 +51,10 @@ METHODS: Mapping[str, Callable[..., NonHomogeneousAtrous]] = {
 
 LIGHTS = {"literal": False, "demodulated": True}
 
-VARIANTS: Mapping[str, Mapping[str, Any]] = {"sigmas": {}}
+VARIANTS: Mapping[str, Mapping[str, Any]] = {"sigmas": {}, "passes": {"per_pass": True, "learn_kernel": True}}
 """What is learned: options of the filters."""
+
+JUDGED = ("rmse", "psnr", "ssim", "flip")
 
 Pair = tuple[Frame, Reference]
 Widths = tuple[float, float, float]
@@ -59,13 +65,15 @@ class Settings:
     """What is tuned, and on what.
 
     Attributes:
+        lights: Which halves: ``"literal"``, ``"demodulated"``.
         scenes: Names of scenes; one whose file is not there is left out.
         resolution: Height and width of each eye's image.
         reference_spp: Samples per pixel of the references.
         draws: Training frames of each pose, with noise of their own, for each seed.
         seeds: Number of fits, each with training frames and an order of its own.
         steps: Steps of a fit.
-        learning_rate: Of Adam, for the logarithms of the widths.
+        learning_rate: Of Adam, for logarithms.
+        patience: Evaluations, one in ten steps, without a new best after which a fit stops.
         grid: Values of the widths of radiance, normal and position that are tried by hand.
         error: Terms of the error that the grid and the fits make small.
         references: Folder of the references; ``None`` for one beside the results.
@@ -75,6 +83,7 @@ class Settings:
         (540, 480)
     """
 
+    lights: tuple[str, ...] = ("literal", "demodulated")
     scenes: tuple[str, ...] = SCENES
     resolution: tuple[int, int] = (540, 480)
     reference_spp: int = 512
@@ -82,12 +91,13 @@ class Settings:
     seeds: int = 3
     steps: int = 60
     learning_rate: float = 0.1
+    patience: int = 3
     grid: tuple[tuple[float, ...], ...] = (
-        (2, 4, 8, 16, 32),
-        (0.025, 0.05, 0.1, 0.2, 0.4),
-        (0.01, 0.02, 0.04, 0.08, 0.16),
+        (8, 16, 32, 64, 128),
+        (0.0125, 0.025, 0.05, 0.1, 0.2),
+        (0.005, 0.01, 0.02, 0.04, 0.08),
     )
-    error: Mapping[str, float] = field(default_factory=lambda: {"l1": 1.0, "ssim": 0.2})
+    error: Mapping[str, float] = field(default_factory=lambda: {"l1": 1.0, "l2": 2.0})
     references: str | None = None
 
 
@@ -158,7 +168,8 @@ def named(widths: Sequence[float]) -> dict[str, float]:
 
 def study(settings: Settings, light: str, folder: Path, frames: Frames) -> None:
     """Finds widths by hand, fits, judges, and prints the table of one kind of light."""
-    with Run(folder / light, {**asdict(settings), "light": light}) as run:
+    kept = {name: value for name, value in asdict(settings).items() if name not in ("lights", "references")}
+    with Run(folder / light, {**kept, "light": light}) as run:
         with run.stage("grid"):
             hand = kept_by_hand(settings, frames, light, run.folder / "by_hand.json")
         rows: dict[str, NonHomogeneousAtrous] = {
@@ -179,7 +190,7 @@ def study(settings: Settings, light: str, folder: Path, frames: Frames) -> None:
                         held_out=frames(scene, "held_out", name),
                         steps=settings.steps,
                         learning_rate=settings.learning_rate,
-                        patience=4,
+                        patience=settings.patience,
                         seed=seed,
                         folder=run.folder / "fits" / file_name(row),
                     )
@@ -191,7 +202,7 @@ def study(settings: Settings, light: str, folder: Path, frames: Frames) -> None:
         with run.stage("judge"):
             for scene in settings.scenes:
                 run.measurements += judge(frames, scene, rows)
-    print(f"\n{light}\n{table(read_metrics(run.folder))}")
+    print(f"\n{light}\n{table(read_metrics(run.folder))}\nfigure: {draw_fitted(run.folder)}")
 
 
 def kept_by_hand(settings: Settings, frames: Frames, light: str, path: Path) -> dict[str, float]:
@@ -205,50 +216,55 @@ def kept_by_hand(settings: Settings, frames: Frames, light: str, path: Path) -> 
 
 
 def judge(frames: Frames, scene: str, rows: Mapping[str, NonHomogeneousAtrous]) -> list[Measurement]:
-    """Returns the scores of the noisy frames and of all filters on the test frames of a scene, whole and by layer."""
+    """Returns the scores of the noisy frames and of the filters on the test frames of a scene, whole and by layer.
+
+    Of what was fitted on other scenes, the first seed is judged. Scores are means over the eyes.
+    """
     say(f"judge on {scene}")
     found = []
+    rows = {row: each for row, each in rows.items() if " seed " not in row or f" of {scene}," in row or row[-1] == "0"}
     for pose, ((full, truth), (foveated, _)) in enumerate(
         zip(*(frames(scene, "test", n) for n in METHODS), strict=True)
     ):
         images = {"Noisy, full": full.radiance, "Noisy, foveated": foveated.radiance}
         with torch.no_grad():
             images |= {row: rows[row](full if row.startswith("Base") else foveated).image for row in rows}
-        scores = metrics.compare(images, truth, layer=foveated.layer).scores
-        found += [Measurement(scene, pose, s.view, s.method, s.region, s.metric, s.value) for s in scores]
+        comparison = metrics.compare(images, truth, layer=foveated.layer)
+        scores = dict.fromkeys((s.method, s.region, s.metric) for s in comparison.scores if s.metric in JUDGED)
+        found += [
+            Measurement(scene, pose, "", method, region, metric, comparison.value(method, metric, region))
+            for method, region, metric in scores
+        ]
     return found
 
 
-def table(measurements: Sequence[Measurement], names: Sequence[str] = ("rmse", "psnr", "ssim", "flip")) -> str:
-    """Returns the means over test poses and eyes, with the spread over the seeds, and what the other scenes' fits give.
+def cells(measurements: Sequence[Measurement], metrics: Sequence[str], region: str = "whole") -> list[list[str]]:
+    """Returns a line for each scene and method: means, and the standard deviation over seeds or other scenes.
 
     Example:
-        >>> rows = [Measurement("atrium", 0, 0, "Base, by hand", "whole", "rmse", 0.5)]
-        >>> print(table(rows, ["rmse"]))
+        >>> cells([Measurement("atrium", 0, "", "Base, by hand", "whole", "rmse", 0.5)], ["rmse"])
+        [['atrium', 'Base, by hand', '0.5000']]
+    """
+    found, lines = scores_of_fits(measurements, region), []
+    for scene, method in dict.fromkeys(key[:2] for key in found):
+        line = [scene, method]
+        for metric in metrics:
+            values, digits = found[scene, method, metric], 2 if metric == "psnr" else 4
+            spread = f" ± {statistics.stdev(values):.{digits}f}" if len(values) > 1 else ""
+            line.append(f"{statistics.mean(values):.{digits}f}{spread}")
+        lines.append(line)
+    return lines
+
+
+def table(measurements: Sequence[Measurement], metrics: Sequence[str] = JUDGED) -> str:
+    """Returns the lines of :func:`cells` as text.
+
+    Example:
+        >>> print(table([Measurement("atrium", 0, "", "Base, by hand", "whole", "rmse", 0.5)], ["rmse"]))
         scene   method         rmse
         atrium  Base, by hand  0.5000
     """
-    measurements = [row for row in measurements if row.scene]
-    scenes = list(dict.fromkeys(row.scene for row in measurements))
-    values: dict[tuple[str, str, str], dict[str, list[float]]] = {}
-    for row in measurements:
-        if row.region != "whole":
-            continue
-        method, _, seed = row.method.partition(", seed ")
-        if " of " in method:
-            kind, _, source = method.rpartition(" of ")
-            method = kind if source == row.scene else f"{kind} of others"
-            seed = seed if source == row.scene else f"{source} {seed}"
-        values.setdefault((row.scene, method, row.metric), {}).setdefault(seed, []).append(row.value)
-    lines = [["scene", "method", *names]]
-    for scene in scenes:
-        for method in dict.fromkeys(key[1] for key in values if key[0] == scene):
-            cells = []
-            for name in names:
-                means = [statistics.mean(each) for each in values[scene, method, name].values()]
-                spread = f" ± {statistics.stdev(means):.4f}" if len(means) > 1 else ""
-                cells.append(f"{statistics.mean(means):.4f}{spread}")
-            lines.append([scene, method, *cells])
+    lines = [["scene", "method", *metrics], *cells(measurements, metrics)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     padded = ("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
     return "\n".join(line.rstrip() for line in padded)
@@ -260,19 +276,24 @@ def say(line: str) -> None:
 
 
 def run(settings: Settings, folder: Path) -> None:
-    """Does the study with both kinds of light."""
+    """Does the study with each kind of light."""
     frames = Frames(settings, folder)
-    for light in LIGHTS:
+    for light in settings.lights:
         study(settings, light, folder, frames)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the script and returns the exit status."""
+
+    def half(*lights: str) -> Callable[[], Settings]:
+        return lambda: Settings(lights, present(SCENES), references=os.environ.get("FOVDEN_REFERENCES"))
+
     presets: dict[str, Callable[[], Settings]] = {
         "smoke": lambda: Settings(
-            ("atrium", "forest"), (64, 64), 16, draws=1, seeds=2, steps=3, grid=((4, 8), (0.1,), (0.03,))
+            tuple(LIGHTS), ("atrium", "forest"), (64, 64), 16, draws=1, seeds=2, steps=3, grid=((4, 8), (0.1,), (0.03,))
         ),
-        "full": lambda: Settings(scenes=present(SCENES), references=os.environ.get("FOVDEN_REFERENCES")),
+        "full": half(*LIGHTS),
+        **{light: half(light) for light in LIGHTS},
     }
     return run_script("tune_sigmas", str(__doc__), presets, run, arguments)
 

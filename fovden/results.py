@@ -179,7 +179,7 @@ def provenance() -> dict[str, Any]:
             versions[name] = "not installed as a package"
     commit, modified = _commit()
     return {
-        "command": sys.argv,
+        "command": [_script(sys.argv[0]), *sys.argv[1:]],
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": versions,
         "device": _processor(),
@@ -188,6 +188,14 @@ def provenance() -> dict[str, Any]:
         "commit": commit,
         "modified": modified,
     }
+
+
+def _script(path: str) -> str:
+    """The path of what was run, from the working folder where it lies in it."""
+    try:
+        return str(Path(path).resolve().relative_to(Path.cwd()))
+    except ValueError:
+        return path
 
 
 def read_config(folder: str | os.PathLike[str]) -> dict[str, Any]:

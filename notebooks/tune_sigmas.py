@@ -80,8 +80,8 @@ error = ImageError({"l1": 1.0, "ssim": 0.2})
 # course, and an interrupted fit goes on from it.
 
 # %%
-folder = tempfile.mkdtemp()
-course = fit(denoiser, train, error, held_out=held_out, steps=60, learning_rate=0.1, patience=3, folder=folder)
+folder, steps = tempfile.mkdtemp(), 20 if small else 60
+course = fit(denoiser, train, error, held_out=held_out, steps=steps, learning_rate=0.1, patience=3, folder=folder)
 print(f"held-out error {course.history[0].held_out_loss:.4f} before, {course.best.held_out_loss:.4f} after")
 
 # %% [markdown]

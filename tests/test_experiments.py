@@ -5,7 +5,7 @@ import math
 import pytest
 from PIL import Image
 
-from fovden.figures import draw_convergence, draw_falloff
+from fovden.figures import draw_convergence, draw_falloff, draw_fitted, scores_of_fits
 from fovden.figures.convergence import convergence_slope, noise_by_samples
 from fovden.figures.falloff import losses_by_radii, path_of_radii
 from fovden.results import read_metrics
@@ -63,19 +63,33 @@ def test_no_pose_and_no_noise_is_in_two_sets():
 
 def test_widths_are_tuned_and_judged_and_kept(tmp_path, capsys):
     settings = tune_sigmas.Settings(
-        ("atrium",), (32, 32), reference_spp=4, draws=1, seeds=2, steps=2, grid=((4.0, 8.0), (0.1,), (0.03,))
-    )
+        scenes=("atrium",),
+        resolution=(32, 32),
+        reference_spp=4,
+        draws=1,
+        seeds=2,
+        steps=2,
+        grid=((4.0, 8.0), (0.1,), (0.03,)),
+    )  # fmt: skip
     tune_sigmas.run(settings, tmp_path)
     tables = capsys.readouterr().out
     for light in ("literal", "demodulated"):
         rows = read_metrics(tmp_path / light)
         scores = {(row.method, row.metric) for row in rows if row.scene == "atrium"}
-        for method in ("Noisy, foveated", "Base, by hand", "NH3LD, by hand", "NH3LD, sigmas of atrium, seed 1"):
+        for method in (
+            "Noisy, foveated", "Base, by hand", "NH3LD, by hand", "NH3LD, sigmas of atrium, seed 1",
+            "Base, passes of atrium, seed 0",
+        ):  # fmt: skip
             assert {(method, metric) for metric in ("rmse", "psnr", "ssim", "flip")} <= scores
         widths = {row.method: row.value for row in rows if row.metric == "edge_stopping.0.sigma_radiance"}
         assert any(widths["Base, by hand"] == pytest.approx(width) for width in settings.grid[0])
+        assert draw_fitted(tmp_path / light).read_bytes() == (tmp_path / light / "fitted.png").read_bytes()
+        found = scores_of_fits(rows)
+        assert len(found["atrium", "NH3LD, passes", "rmse"]) == settings.seeds
+        own = [row.value for row in rows if (row.method, row.metric, row.region) == ("Base, by hand", "ssim", "whole")]
+        assert found["atrium", "Base, by hand", "ssim"] == pytest.approx([sum(own) / 2])  # of two poses
     kept = {path: path.read_bytes() for path in (tmp_path / "literal" / "fits").rglob("checkpoint.safetensors")}
-    assert len(kept) == 4
+    assert len(kept) == 8
     tune_sigmas.run(settings, tmp_path)
     assert capsys.readouterr().out == tables
     assert all(path.read_bytes() == content for path, content in kept.items())

@@ -4,6 +4,7 @@ import json
 import math
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -80,3 +81,10 @@ def test_the_commit_is_that_of_the_package_and_of_nothing_around_it(tmp_path, mo
         monkeypatch.setattr("fovden.results.__file__", str(package / "results.py"))
         commit = provenance()["commit"]
         assert commit is None if expected is None else len(commit) == expected
+
+
+def test_the_command_is_that_of_the_working_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for given, kept in ((tmp_path / "run.py", "run.py"), (Path("run.py"), "run.py"), (Path("/else/run.py"),) * 2):
+        monkeypatch.setattr("sys.argv", [str(given), "-o", "out"])
+        assert provenance()["command"] == [str(kept), "-o", "out"]

@@ -142,7 +142,7 @@ def blend_stack(inputs: Inputs, *, save: bool = False) -> Blended:
     """
     passes, guides = inputs.arrays()
     image, mask = inputs.radiance.contiguous(), inputs.mask.contiguous()
-    known = torch.ones_like(mask) if inputs.known is None else inputs.known.to(mask.dtype).contiguous().clone()
+    known = np.ones(mask.shape, np.float32) if inputs.known is None else _copy(inputs.known)
     levels = list(_levels(inputs))
     channels = 5 if inputs.fill else 4
     tape = empty_on_large_pages(len(levels) if save else 0, len(image), channels, *image.shape[2:])
@@ -150,15 +150,15 @@ def blend_stack(inputs: Inputs, *, save: bool = False) -> Blended:
     spare: Tensor | None = None
     for number, level in enumerate(levels):
         if spare is None:
-            spare = torch.empty_like(image) if level.is_whole else image.clone()
-        next_mask = mask.clone() if inputs.fill else mask
+            spare = torch.empty_like(image) if level.is_whole else torch.from_numpy(_copy(image))
+        next_mask = torch.from_numpy(_copy(mask)) if inputs.fill else mask
         if save and inputs.fill:
             tape[number, :, 4:] = mask
         run(
             blend_runs,
             len(level.runs),
             (
-                level.runs, level.step, passes, guides, _array(image), _array(mask), _array(known), _array(spare),
+                level.runs, level.step, passes, guides, _array(image), _array(mask), known, _array(spare),
                 _array(next_mask), inputs.fill, _array(tape[number]) if save else nothing,
             ),
             tile=TILE,
@@ -167,7 +167,7 @@ def blend_stack(inputs: Inputs, *, save: bool = False) -> Blended:
         spare = None if number == 0 else before  # the input is not ours to write to
         if spare is not None and number + 1 < len(levels) and levels[number + 1].chosen is not level.chosen:
             run(copy_runs, len(level.runs), (level.runs, _array(image), _array(spare)), tile=TILE)
-    return Blended(image if levels else image.clone(), known > 0, mask, tape)
+    return Blended(image if levels else image.clone(), torch.from_numpy(known > 0), mask, tape)
 
 
 def return_gradients(
@@ -199,14 +199,10 @@ def return_gradients(
     light = inputs.radiance.new_empty(1, 4, *inputs.radiance.shape[2:])
     planes = [light.new_empty(1, 3, *light.shape[2:]) for _ in range(2)]  # most often nobody writes there
     scratch = Shares(light, planes[0], differ=False)
-    radiance = gradient.clone(memory_format=torch.contiguous_format)
-    mask = torch.zeros_like(inputs.mask, memory_format=torch.contiguous_format)
-    if mask_gradient is not None:
-        mask.copy_(mask_gradient)
-    normal, position = (
-        torch.zeros_like(radiance) if everything else radiance.new_empty(len(radiance), 0, 1, 1) for _ in range(2)
-    )
-    factors = None if inputs.factors is None else torch.zeros_like(radiance)
+    radiance = torch.from_numpy(_copy(gradient))
+    mask = _zeros(inputs.mask.shape) if mask_gradient is None else torch.from_numpy(_copy(mask_gradient))
+    normal, position = (_zeros(radiance.shape if everything else (len(radiance), 0, 1, 1)) for _ in range(2))
+    factors = None if inputs.factors is None else _zeros(radiance.shape)
     widths, taps = np.zeros((len(inputs.steps), 3)), np.zeros((len(inputs.steps), 25))
     for view in range(len(radiance)):
         part = slice(view, view + 1)
@@ -253,7 +249,7 @@ def _walk_back(
         if not level.is_whole and (last or levels[number + 1].chosen is not level.chosen):
             scratch.light.zero_()
         if not level.is_whole and not is_ours:
-            image, is_ours = image[:, :3].clone(), True
+            image, is_ours = torch.from_numpy(_copy(image[:, :3])), True
         runs, unknown = level.runs, np.zeros(len(level.runs), np.bool_)
         fills = inputs.fill and everything
         run(
@@ -331,6 +327,16 @@ def _levels(inputs: Inputs) -> Iterator[_Level]:
         runs = np.concatenate([np.add(each, [0, 0, 0, number]) for each, number in zip(own_runs, members, strict=True)])
         is_whole = inputs.region is None and labels_ == (0,)
         yield _Level(inputs.steps[members[0]], members, chosen, runs.astype(np.int32), is_whole)
+
+
+# Between kernels, arrays are filled and copied by NumPy, on one thread: torch would wake threads for it that stay awake
+# for a while, and take the cores from the kernels.
+def _copy(tensor: Tensor) -> NDArray[np.float32]:
+    return np.array(tensor.detach().numpy(), np.float32, order="C")
+
+
+def _zeros(shape: Sequence[int]) -> Tensor:
+    return torch.from_numpy(np.zeros(tuple(shape), np.float32))
 
 
 def _array(tensor: Tensor) -> Any:

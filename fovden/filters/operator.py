@@ -297,7 +297,8 @@ def run_passes(
         options.fill,
         save,
     )
-    return State(after, next_mask if options.fill else mask, known | filled, first)
+    known = known | filled if options.unsampled_guide == "literal" else filled  # else the operator has both
+    return State(after, next_mask if options.fill else mask, known, first)
 
 
 def _can_fuse(state: State, passes: Sequence[Pass], options: PassOptions) -> bool:
