@@ -22,6 +22,7 @@ extensions = [
     "docstrings",
     "gallery",
     "measured",
+    "measured_readings",
     "measured_tuning",
 ]
 exclude_patterns = ["data", "pictures"]

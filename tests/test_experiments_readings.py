@@ -13,7 +13,8 @@ SOME = ("F1 mask_at=center", "F8 fill_holes=False", "F9 layers=interleaved")
 
 def test_readings_are_compared_kept_and_drawn_again(tmp_path, monkeypatch):
     monkeypatch.setattr(paper_readings, "READINGS", {name: paper_readings.READINGS[name] for name in SOME})
-    assert paper_readings.main(["--preset", "smoke", "-o", str(tmp_path)]) == 0
+    settings = paper_readings.Settings(("atrium",), (32, 32), 4, steps=2, evaluate_every=2)
+    paper_readings.run(settings, tmp_path)
     first = (tmp_path / "readings.png").read_bytes()
     (tmp_path / "readings.png").unlink()
     assert draw_readings(tmp_path).read_bytes() == first
@@ -24,12 +25,12 @@ def test_readings_are_compared_kept_and_drawn_again(tmp_path, monkeypatch):
         assert names["default"] == ["fitted", "fitted again"]
         assert names["F1 mask_at=center"] == ["kept", "fitted"], "unsampled pixels are black"
         black = changes_by_scene(rows, f"{light}, F1 mask_at=center, kept")
-        assert min(black.values()) > 0.5
+        assert min(black.values()) > 0.2
         inner = changes_by_scene(rows, f"{light}, F1 mask_at=center, kept", region="layer 0")
         assert max(inner[scene] / black[scene] for scene in black) < 1, "all of the inner layer is sampled"
     kept = {path: path.read_bytes() for path in (tmp_path / "fits").rglob("checkpoint.safetensors")}
     numbers = [row for row in rows if row.metric != "seconds"]
-    assert paper_readings.main(["--preset", "smoke", "-o", str(tmp_path)]) == 0
+    paper_readings.run(settings, tmp_path)
     assert [row for row in read_metrics(tmp_path) if row.metric != "seconds"] == numbers
     assert all(path.read_bytes() == content for path, content in kept.items())
 
