@@ -13,7 +13,7 @@ SOME = ("F1 mask_at=center", "F8 fill_holes=False", "F9 layers=interleaved")
 
 def test_readings_are_compared_kept_and_drawn_again(tmp_path, monkeypatch):
     monkeypatch.setattr(paper_readings, "READINGS", {name: paper_readings.READINGS[name] for name in SOME})
-    settings = paper_readings.Settings(("atrium",), (32, 32), 4, steps=2, evaluate_every=2)
+    settings = paper_readings.Settings(("atrium",), (32, 32), 4, steps=2, more_steps=1, evaluate_every=2)
     paper_readings.run(settings, tmp_path)
     first = (tmp_path / "readings.png").read_bytes()
     (tmp_path / "readings.png").unlink()
@@ -22,7 +22,7 @@ def test_readings_are_compared_kept_and_drawn_again(tmp_path, monkeypatch):
     for light in ("literal", "demodulated"):
         names = names_of_readings(rows, light)
         assert list(names) == ["default", *SOME]
-        assert names["default"] == ["fitted", "fitted again"]
+        assert names["default"] == ["fitted", "fitted on"]
         assert names["F1 mask_at=center"] == ["kept", "fitted"], "unsampled pixels are black"
         black = changes_by_scene(rows, f"{light}, F1 mask_at=center, kept")
         assert min(black.values()) > 0.2

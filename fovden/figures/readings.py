@@ -26,7 +26,7 @@ def names_of_readings(measurements: Sequence[Measurement], light: str) -> dict[s
         light: ``"literal"`` or ``"demodulated"``.
 
     Returns:
-        ``"fitted"``, ``"fitted again"`` and ``"kept"``, as far as they are there, by reading.
+        ``"fitted"``, ``"fitted on"`` and ``"kept"``, as far as they are there, by reading.
 
     Example:
         >>> row = Measurement("box", 0, "", "literal, F11 seam=True, kept", "whole", "rmse", 0.25)
@@ -77,8 +77,8 @@ def draw_readings(folder: str | os.PathLike[str]) -> Path:
     """Draws ``readings.png`` into a folder that ``experiments/paper_readings.py`` wrote, from its numbers.
 
     One panel for each kind of light, one line for each reading, one mark for each scene: the change of RMSE from the
-    default, hollow with the default's widths and filled with widths of the reading's own. The grey band is as wide as
-    two fits of the default differ. The axis is linear up to 1 % and logarithmic beyond.
+    default, hollow with the default's widths and filled with widths of the reading's own. The grey band is what the
+    default itself changes when its fit goes on. The axis is linear up to 1 % and logarithmic beyond.
 
     Args:
         folder: The folder, with ``metrics.csv``.
@@ -119,8 +119,8 @@ def _draw_light(
     panel: Any, measurements: Sequence[Measurement], light: str, readings: Sequence[str], scenes: Sequence[str]
 ) -> None:
     names = names_of_readings(measurements, light)
-    if "fitted again" in names.get("default", []):
-        again = changes_by_scene(measurements, f"{light}, default, fitted again")
+    if "fitted on" in names.get("default", []):
+        again = changes_by_scene(measurements, f"{light}, default, fitted on")
         half = 100 * max(map(abs, again.values()))
         panel.axvspan(-half, half, color=GRID, alpha=0.6, linewidth=0)
     panel.axvline(0, color=FAINT, linewidth=0.6)
