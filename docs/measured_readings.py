@@ -45,7 +45,8 @@ class Readings(Measured):
             f"pixels; references of {config['reference_spp']} samples. {changes}; the default's row has values. Kept "
             f"are the widths fitted for the default, fitted those of the reading's own; none where the former change "
             f"the error of the frames held out by less than {config['threshold']:.0%} in every scene. Made small: "
-            f"{error}, in {config['steps']} steps of Adam over three other poses of each scene. FLIP at "
+            f"{error}, for each scene over three other poses, in {config['steps']} steps of Adam for the default and "
+            f"{config['more_steps']} more for each row of fitted widths, the default's own among them. FLIP at "
             f"{PIXELS_PER_DEGREE:.3g} pixels per degree. "
         )
 
@@ -53,7 +54,6 @@ class Readings(Measured):
 def _whole(
     measurements: Sequence[Measurement], light: str, readings: dict[str, list[str]]
 ) -> tuple[list[str], list[list[str]]]:
-    seconds = {row.method: row.value for row in measurements if row.metric == "seconds"}
     titles = [(METRICS[metric].title, widths) for metric in JUDGED for widths in ("kept", "fitted")]
     rows = []
     for reading, found in readings.items():
@@ -67,10 +67,11 @@ def _whole(
                     _changed(measurements, f"{light}, {reading}, {widths}", metric) if widths in found else ""
                     for widths in ("kept", "fitted")
                 ]
-        rows.append([reading, f"{seconds[f'{light}, {reading}, {found[0]}']:.2f}", *cells])
-    if "fitted again" in readings["default"]:
-        again = [_changed(measurements, f"{light}, default, fitted again", metric) for metric in JUDGED]
-        rows.insert(1, ["default, other order", "", *(cell for each in again for cell in ("", each))])
+        seconds = _values(measurements, f"{light}, {reading}, {found[0]}", "seconds").values()
+        rows.append([reading, f"{statistics.fmean(seconds):.2f}", *cells])
+    if "fitted on" in readings["default"]:
+        again = [_changed(measurements, f"{light}, default, fitted on", metric) for metric in JUDGED]
+        rows.insert(1, ["default, fitted on", "", *(cell for each in again for cell in ("", each))])
     return ["reading", "seconds", *(f"{title}, {widths}" for title, widths in titles)], rows
 
 
@@ -83,7 +84,7 @@ def _where(
     layers = [statistics.fmean(_values(measurements, usual, "rmse", region).values()) for region in regions]
     rows = [["default", "fitted", *(format(value, METRICS["rmse"].format) for value in [*layers, *values.values()])]]
     for reading, found in readings.items():
-        for widths in ("fitted again",) if reading == "default" else found:
+        for widths in ("fitted on",) if reading == "default" else found:
             method = f"{light}, {reading}, {widths}"
             scenes = changes_by_scene(measurements, method)
             cells = [_changed(measurements, method, "rmse", region) for region in regions]
