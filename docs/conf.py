@@ -23,6 +23,7 @@ extensions = [
     "gallery",
     "measured",
     "measured_levels",
+    "measured_readings",
     "measured_tuning",
 ]
 exclude_patterns = ["data", "pictures"]
