@@ -1,24 +1,44 @@
 """Foveation: where the eye looks, and how many samples that gives each pixel."""
 
+from fovden.foveation.acuity import Acuity, LinearMarAcuity, ReddyAcuity, TableAcuity
 from fovden.foveation.differences import add_differences
 from fovden.foveation.display import Display, Gaze, eccentricity_degrees, eccentricity_pixels
-from fovden.foveation.falloff import Falloff, RateMap, ThreeLayer
-from fovden.foveation.learned import LearnedProfile, LearnedThreeLayer
+from fovden.foveation.falloff import Falloff, RateMap, layer_of_rate
+from fovden.foveation.falloffs import (
+    AcuityFalloff,
+    GuenterLayers,
+    HyperbolicFalloff,
+    LayerSizes,
+    LearnedProfile,
+    LearnedThreeLayer,
+    LinearFalloff,
+    ThreeLayer,
+)
 from fovden.foveation.sample_map import SampleMap, mask_numbers, sample_map, uniform_map
 from fovden.foveation.soft_mask import relaxed_mask, thinned
 
 __all__ = [
+    "Acuity",
+    "AcuityFalloff",
     "Display",
     "Falloff",
     "Gaze",
+    "GuenterLayers",
+    "HyperbolicFalloff",
+    "LayerSizes",
     "LearnedProfile",
     "LearnedThreeLayer",
+    "LinearFalloff",
+    "LinearMarAcuity",
     "RateMap",
+    "ReddyAcuity",
     "SampleMap",
+    "TableAcuity",
     "ThreeLayer",
     "add_differences",
     "eccentricity_degrees",
     "eccentricity_pixels",
+    "layer_of_rate",
     "mask_numbers",
     "relaxed_mask",
     "sample_map",
