@@ -1,6 +1,7 @@
 """Foveation: where the eye looks, and how many samples that gives each pixel."""
 
 from fovden.foveation.acuity import Acuity, LinearMarAcuity, ReddyAcuity, TableAcuity
+from fovden.foveation.budget import rates_at_budget, select_exactly
 from fovden.foveation.differences import add_differences
 from fovden.foveation.display import Display, Gaze, eccentricity_degrees, eccentricity_pixels
 from fovden.foveation.falloff import Falloff, RateMap, layer_of_rate
@@ -14,7 +15,8 @@ from fovden.foveation.falloffs import (
     LinearFalloff,
     ThreeLayer,
 )
-from fovden.foveation.sample_map import SampleMap, mask_numbers, sample_map, uniform_map
+from fovden.foveation.mask import mask_numbers
+from fovden.foveation.sample_map import SampleMap, sample_map, uniform_map
 from fovden.foveation.soft_mask import relaxed_mask, thinned
 
 __all__ = [
@@ -40,8 +42,10 @@ __all__ = [
     "eccentricity_pixels",
     "layer_of_rate",
     "mask_numbers",
+    "rates_at_budget",
     "relaxed_mask",
     "sample_map",
+    "select_exactly",
     "thinned",
     "uniform_map",
 ]

@@ -46,7 +46,12 @@ class Acuity(Protocol):
         ...
 
     def integral(self, eccentricity: Tensor, /) -> Tensor:
-        """Returns the integral of ``e M(e)`` from 0 to eccentricities in degrees, in square degrees."""
+        """Returns the integral of ``e M(e)`` from 0 to eccentricities in degrees, in square degrees.
+
+        Example:
+            >>> ReddyAcuity().integral(torch.tensor(4.0))  # full acuity: e^2 / 2
+            tensor(8.)
+        """
         ...
 
 
