@@ -2,13 +2,14 @@
 
 ``fovden figures DIR`` draws the figures of a comparison again from the files in its folder: :func:`draw_figures`. How
 noise falls with the number of samples is drawn by :func:`draw_convergence`, the course of a fit by
-:func:`draw_history`, what fits gain by :func:`draw_fitted`, learned falloffs by :func:`draw_falloff`. What they have in
-common, colours and sizes, is in :mod:`fovden.figures.style`.
+:func:`draw_history`, what fits gain by :func:`draw_fitted`, learned falloffs by :func:`draw_falloff`, the densities
+of falloffs by :func:`draw_densities`. What they have in common, colours and sizes, is in :mod:`fovden.figures.style`.
 """
 
 from fovden.figures.comparison import draw_figures
 from fovden.figures.contact_sheet import ContactSheet, contact_sheet
 from fovden.figures.convergence import draw_convergence
+from fovden.figures.densities import draw_densities
 from fovden.figures.falloff import draw_falloff
 from fovden.figures.fitted import draw_fitted, scores_of_fits
 from fovden.figures.style import METHOD_STYLES, PRINT_WIDTH, MethodStyle, drawing, method_style
@@ -21,6 +22,7 @@ __all__ = [
     "MethodStyle",
     "contact_sheet",
     "draw_convergence",
+    "draw_densities",
     "draw_falloff",
     "draw_figures",
     "draw_fitted",
