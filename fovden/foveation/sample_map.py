@@ -186,7 +186,7 @@ def sample_map(
     - Frames and eyes share a mask, as the paper computes it once. Another ``index`` draws another mask, ``per_eye``
       another one in each eye. Where the eyes look at different pixels, the maps differ, but not the random numbers.
     - Random numbers, of which the paper says nothing. ``"philox"``: independent. ``"stratified"``: spread evenly over
-      blocks of 2 x 2 pixels, 4 x 4, and so on. ``"blue_noise"``: spread evenly and without any pattern, by a
+      blocks of 2 x 2 pixels, 4 x 4, and so on. ``"blue_noise"``: spread evenly without blocks, by a
       void-and-cluster tile. See :func:`mask_numbers`.
     - Radiance of a selected pixel: the mean of its own samples; it is not divided by the rate, since the filter
       normalises by its mask.

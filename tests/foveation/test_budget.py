@@ -106,9 +106,9 @@ def test_exact_masks_keep_the_rates(source):
     """Over seeds each pixel is a coin of its own rate: chi-square by pixel at a level of 1e-4 for all of them."""
     y, x = torch.meshgrid(torch.arange(20.0), torch.arange(24.0), indexing="ij")
     rate = (1 / (1 + 0.02 * ((y - 6) ** 2 + (x - 8) ** 2)))[None, None].double()
-    seeds = 400
+    seeds = 250
     drawn = sum(select_exactly(mask_numbers((20, 24), seed, source=source), rate).double() for seed in range(seeds))
-    # Pareto sampling approaches its rates with one over the number of pixels, far below the error of 400 draws.
+    # Pareto sampling approaches its rates with one over the number of pixels, far below the error of 250 draws.
     variance = seeds * rate * (1 - rate)
     wide = variance > 5
     per_pixel = ((drawn - seeds * rate).square() / variance)[wide]

@@ -110,7 +110,7 @@ def test_acuity_falloff_is_its_acuity_above_the_minimum():
 
 def test_hyperbolic_rate_is_one_where_the_display_limits_and_falls_with_the_square():
     camera = StereoCamera.look_at((0, 0, 0), (0, 0, -1), fov_x_deg=DESKTOP.fov_x_deg, resolution=(108, 192)).views
-    rate = HyperbolicFalloff(0.0275)(camera, CENTRE.__class__.center(camera)).rate
+    rate = HyperbolicFalloff(0.0275)(camera, Gaze.center(camera)).rate
     degrees = eccentricity_degrees(Gaze.center(camera), camera)
     finest = math.degrees(math.atan(2 * 0.509 / (0.59 * 192)))
     expected = [min(1, (finest / (MAR0 + 0.0275 * e)) ** 2) for e in degrees.flatten().tolist()]

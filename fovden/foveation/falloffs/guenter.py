@@ -68,8 +68,8 @@ class HyperbolicFalloff:
     Attributes:
         slope: Growth of the angle in degrees per cycle and degree, at least 0; a number, or a tensor without axes.
         mar0: Angle at the gaze in degrees per cycle, above 0; a number, or a tensor without axes.
-        display_mar: Finest angle of the display in degrees per cycle, above 0, or ``None`` for that at the middle of
-            the camera's image.
+        display_mar: Finest angle of the display in degrees per cycle, above 0, or ``None`` for that on the
+            camera's optical axis.
         layer_rates: Rates in (0, 1] that fall, below which the next layer begins.
 
     Raises:

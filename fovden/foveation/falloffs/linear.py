@@ -48,8 +48,8 @@ class LinearFalloff:
     Differentiable: the rate, in r0, r1 and p_min, and within the ramp in the gaze.
 
     Source: M. Weier et al., "Foveated real-time ray tracing for head-mounted displays", Computer Graphics Forum 35(7),
-    2016; M. Koskela, "Foveated path tracing with fast reconstruction", dissertation, Tampere University, 2020, equation
-    4.1.
+    2016; M. Koskela, "Foveated path tracing with fast reconstruction and efficient sample distribution", dissertation,
+    Tampere University, 2020, equation 4.1.
 
     Example:
         >>> LinearFalloff().rate(torch.tensor([0.0, 10.0, 15.0, 20.0, 50.0]))
