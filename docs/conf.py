@@ -22,6 +22,8 @@ extensions = [
     "docstrings",
     "gallery",
     "measured",
+    "measured_levels",
+    "measured_readings",
     "measured_tuning",
 ]
 exclude_patterns = ["data", "pictures"]
