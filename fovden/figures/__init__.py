@@ -2,8 +2,8 @@
 
 ``fovden figures DIR`` draws the figures of a comparison again from the files in its folder: :func:`draw_figures`. How
 noise falls with the number of samples is drawn by :func:`draw_convergence`, the course of a fit by
-:func:`draw_history`, what fits gain by :func:`draw_fitted`, learned falloffs by :func:`draw_falloff`. What they have in
-common, colours and sizes, is in :mod:`fovden.figures.style`.
+:func:`draw_history`, what fits gain by :func:`draw_fitted`, learned falloffs by :func:`draw_falloff`, polar rasters by
+:func:`draw_rasters`. What they have in common, colours and sizes, is in :mod:`fovden.figures.style`.
 """
 
 from fovden.figures.comparison import draw_figures
@@ -11,6 +11,7 @@ from fovden.figures.contact_sheet import ContactSheet, contact_sheet
 from fovden.figures.convergence import draw_convergence
 from fovden.figures.falloff import draw_falloff
 from fovden.figures.fitted import draw_fitted, scores_of_fits
+from fovden.figures.rasters import draw_rasters
 from fovden.figures.style import METHOD_STYLES, PRINT_WIDTH, MethodStyle, drawing, method_style
 from fovden.figures.tuning import draw_history
 
@@ -25,6 +26,7 @@ __all__ = [
     "draw_figures",
     "draw_fitted",
     "draw_history",
+    "draw_rasters",
     "drawing",
     "method_style",
     "scores_of_fits",
