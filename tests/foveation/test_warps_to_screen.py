@@ -180,6 +180,17 @@ def test_a_bright_cell_leaves_its_neighbours_alone():
     assert (found[8:] - 1e-3).abs().max() < 1e-8  # 1e7 times 2^-53, a few times
 
 
+def test_what_is_kept_serves_any_mode():
+    warp = make("visual-polar")
+    with torch.inference_mode():
+        first = warp.to_screen(noise(warp))
+        warp.from_screen(torch.ones(2, 1, *SMALL).double())
+    image = noise(warp).requires_grad_()
+    assert torch.equal(warp.to_screen(image), first)
+    warp.from_screen(warp.to_screen(image)).sum().backward()
+    assert image.grad.abs().sum() > 0
+
+
 @pytest.mark.parametrize("kind", ["visual-polar", "rotated", "log-polar"])
 def test_no_seam_and_no_star(kind):
     """A smooth image, into the raster and back: at angle 0 and at the gaze the error is that of anywhere else."""

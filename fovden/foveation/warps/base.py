@@ -192,8 +192,9 @@ class Warp(ABC):
     @cached_property
     def exists(self) -> Tensor:
         """Whether a place of the rectangle is a cell, which it is above its column's height: bool, (1, 1, h, w)."""
-        rows = torch.arange(self.resolution[0], device=self.heights.device)
-        return (rows[:, None] < self.heights)[None, None]
+        with torch.inference_mode(False):  # kept for later calls, whose mode may be another
+            rows = torch.arange(self.resolution[0], device=self.heights.device)
+            return (rows[:, None] < self.heights)[None, None]
 
     @property
     def valid(self) -> Tensor:

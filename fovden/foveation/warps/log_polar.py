@@ -27,7 +27,8 @@ class LogPolarWarp(PolarWarp):
         r = exp(L t^alpha),   t = (ln r / L)^(1 / alpha)
 
     alpha = 1 is the classic log-polar raster, with cells of one shape everywhere. A larger alpha moves columns towards
-    the periphery's inner part. Pixels nearer to the gaze than 1 are at t = 0. All columns have the full height.
+    the gaze: with a farthest corner at 1101 pixels, 33 % of them lie within 10 pixels of it for 1, and 76 % for 4.
+    Pixels nearer to the gaze than 1 are at t = 0. All columns have the full height.
 
     Attributes:
         gaze: Where each eye looks, in pixels; anywhere, also outside the image.

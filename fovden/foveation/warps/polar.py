@@ -373,7 +373,8 @@ class PolarWarp(Warp):
             isinstance(each, Tensor) and each.requires_grad for each in (self.gaze.pixels, *vars(self).values())
         ):
             if prefilter not in self._kept:
-                self._kept[prefilter] = [resampling(eye, prefilter) for eye in self._eyes()]
+                with torch.inference_mode(False), torch.no_grad():  # kept for later calls, whose mode may be another
+                    self._kept[prefilter] = [resampling(eye, prefilter) for eye in self._eyes()]
             return self._kept[prefilter]
         return [resampling(eye, prefilter) for eye in self._eyes()]
 
