@@ -1,4 +1,4 @@
-"""Foveation: where the eye looks, and how many samples that gives each pixel."""
+"""Foveation: where the eye looks, how many samples that gives each pixel, and where rasters that follow it put them."""
 
 from fovden.foveation.acuity import Acuity, LinearMarAcuity, ReddyAcuity, TableAcuity
 from fovden.foveation.budget import rates_at_budget, select_exactly
@@ -18,6 +18,7 @@ from fovden.foveation.falloffs import (
 from fovden.foveation.mask import mask_numbers
 from fovden.foveation.sample_map import SampleMap, sample_map, uniform_map
 from fovden.foveation.soft_mask import relaxed_mask, thinned
+from fovden.foveation.warps import LogPolarWarp, PolarWarp, ScreenWarp, VisualPolarWarp, Warp, eccentricity_blur
 
 __all__ = [
     "Acuity",
@@ -32,12 +33,18 @@ __all__ = [
     "LearnedThreeLayer",
     "LinearFalloff",
     "LinearMarAcuity",
+    "LogPolarWarp",
+    "PolarWarp",
     "RateMap",
     "ReddyAcuity",
     "SampleMap",
+    "ScreenWarp",
     "TableAcuity",
     "ThreeLayer",
+    "VisualPolarWarp",
+    "Warp",
     "add_differences",
+    "eccentricity_blur",
     "eccentricity_degrees",
     "eccentricity_pixels",
     "layer_of_rate",
