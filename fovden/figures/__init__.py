@@ -4,7 +4,8 @@
 noise falls with the number of samples is drawn by :func:`draw_convergence`, the course of a fit by
 :func:`draw_history`, what fits gain by :func:`draw_fitted`, densities of falloffs by :func:`draw_densities`, learned
 falloffs by :func:`draw_falloff`, polar rasters by :func:`draw_rasters`, the front of time against error by
-:func:`draw_front`, readings of the paper by :func:`draw_readings`. What they have in common, colours and sizes, is in :mod:`fovden.figures.style`.
+:func:`draw_front`, readings of the paper by :func:`draw_readings`. What they have in common, colours and sizes, is in
+:mod:`fovden.figures.style`.
 """
 
 from fovden.figures.comparison import draw_figures
