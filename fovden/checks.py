@@ -22,6 +22,7 @@ __all__ = [
     "require_indices",
     "require_integer",
     "require_number",
+    "require_scalar",
     "require_shapes",
     "require_tensor",
 ]
@@ -89,6 +90,39 @@ def require_number(
     expected = "a finite number" + (", " + " and ".join(bounds) if bounds else "")
     require(math.isfinite(number) and minimum <= number <= maximum and number > above, name, value, expected)
     return number
+
+
+def require_scalar(
+    name: str, value: object, *, minimum: float = -math.inf, maximum: float = math.inf, above: float = -math.inf
+) -> float | Tensor:
+    """Returns a finite real number within bounds, or a tensor without axes that holds one and may carry a gradient.
+
+    Args:
+        name: The argument's name.
+        value: The value; booleans are refused.
+        minimum: Smallest value allowed.
+        maximum: Largest value allowed.
+        above: The value must be greater than this.
+
+    Returns:
+        ``float(value)``, or the tensor itself.
+
+    Raises:
+        TypeError: If ``value`` is neither a real number nor a floating tensor.
+        ShapeError: If it is a tensor with axes.
+        ValueError: If it is not finite or out of bounds.
+
+    Example:
+        >>> require_scalar("slope", torch.tensor(0.022), above=0)
+        tensor(0.0220)
+    """
+    if not isinstance(value, Tensor):
+        return require_number(name, value, minimum=minimum, maximum=maximum, above=above)
+    require_shapes("", **{name: value})
+    if not value.is_floating_point():
+        raise TypeError(f"{name}: expected a floating type, got {value.dtype}")
+    require_number(name, value.item(), minimum=minimum, maximum=maximum, above=above)
+    return value
 
 
 def require_indices(name: str, indices: Tensor, count: int) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -16,7 +17,10 @@ from torch import Tensor
 from fovden.camera import FHD, QUEST2, Camera, Gaze, StereoCamera, pixel_centres
 from fovden.checks import require, require_integer, require_number, require_shapes
 
-__all__ = ["Display", "Gaze", "eccentricity_degrees", "eccentricity_pixels"]
+__all__ = ["Display", "EccentricityUnit", "Gaze", "eccentricity_degrees", "eccentricity_pixels"]
+
+EccentricityUnit = Literal["degrees", "pixels"]
+"""Units of an eccentricity: the angle between view rays, or the distance on the image plane."""
 
 
 def eccentricity_pixels(gaze: Gaze, resolution: tuple[int, int]) -> Tensor:
@@ -122,6 +126,30 @@ class Display:
             (1920, 1832)
         """
         return cls(QUEST2, 97.0)
+
+    @classmethod
+    def from_size(cls, resolution: tuple[int, int], width: float, distance: float) -> Display:
+        """Returns a flat display of a given width, seen from straight ahead.
+
+        Args:
+            resolution: Height and width in pixels.
+            width: Width of the display in metres, above 0.
+            distance: Viewing distance in metres, above 0.
+
+        Returns:
+            The display, whose ``fov_x_deg`` is ``2 atan(width / (2 distance))``.
+
+        Raises:
+            ValueError: If a value is out of range.
+
+        Example:
+            >>> desktop = Display.from_size((1080, 1920), width=0.509, distance=0.59)  # Guenter et al. 2012
+            >>> round(desktop.fov_x_deg, 2), round(desktop.pixels_per_degree, 2)
+            (46.67, 38.84)
+        """
+        require_number("width", width, above=0)
+        require_number("distance", distance, above=0)
+        return cls(resolution, 2 * math.degrees(math.atan(width / 2 / distance)))
 
     @property
     def pixels_per_tangent(self) -> float:

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require, require_integer, require_number, require_shapes, require_tensor
-from fovden.foveation.blue_noise import TILE, blue_noise_tile
+from fovden.foveation.budget import rates_at_budget, select_exactly
 from fovden.foveation.falloff import Falloff
+from fovden.foveation.mask import Source, mask_numbers
 from fovden.preview import Picture, card, never_raising, ramp, shades
-from fovden.rng import Stream, uniform
 
-__all__ = ["SampleMap", "mask_numbers", "sample_map", "uniform_map"]
-
-Source = Literal["philox", "stratified", "blue_noise"]
+__all__ = ["SampleMap", "sample_map", "uniform_map"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +163,7 @@ def sample_map(
     spp: int = 4,
     seed: int = 0,
     *,
+    mean_spp: float | None = None,
     index: int = 0,
     per_eye: bool = False,
     source: Source = "philox",
@@ -175,14 +174,20 @@ def sample_map(
     and none to the others; one that does not gives every pixel ``rate * spp``, rounded up with the probability of the
     fraction. Either way the expected number of paths is ``spp`` times the sum of the rates.
 
+    With ``mean_spp`` the budget is stated: rates are multiplied by one factor for each view and clamped to 1, so that
+    every view expects ``mean_spp`` paths per pixel, wherever its eye looks. Layers stay where they are. Independent
+    numbers meet it to within the chance of their draw, whose variance is at most ``spp^2`` times the sum of rate
+    (1 - rate) over a view's pixels. The evenly spread ones meet it to half a pixel's paths in each view: see
+    :func:`fovden.foveation.select_exactly`. What was expected and what came are both in the map.
+
     Readings of the 2023 paper, each with its default and its option:
 
     - Samples per selected pixel: the text once has exactly one, elsewhere four. ``spp=4`` is the default.
     - Frames and eyes share a mask, as the paper computes it once. Another ``index`` draws another mask, ``per_eye``
       another one in each eye. Where the eyes look at different pixels, the maps differ, but not the random numbers.
-    - Random numbers, of which the paper says nothing. ``"philox"``: independent. ``"stratified"``: the four pixels of a
-      2 x 2 block lie in different quarters of [0, 1). ``"blue_noise"``: ranks of a void-and-cluster tile, repeated and
-      shifted at random, so that the selected pixels are spread evenly.
+    - Random numbers, of which the paper says nothing. ``"philox"``: independent. ``"stratified"``: spread evenly over
+      blocks of 2 x 2 pixels, 4 x 4, and so on. ``"blue_noise"``: spread evenly without blocks, by a
+      void-and-cluster tile. See :func:`mask_numbers`.
     - Radiance of a selected pixel: the mean of its own samples; it is not divided by the rate, since the filter
       normalises by its mask.
 
@@ -192,7 +197,8 @@ def sample_map(
         gaze: Where each eye looks, also outside the image; ``None`` means the centre.
         spp: Samples per pixel at full rate, at least 1.
         seed: Seed of the mask, from 0 to 2^32 - 1.
-        index: Number of the frame, where each frame is to have a mask of its own.
+        mean_spp: Budget in paths per pixel of each view, above 0 and at most ``spp``; ``None`` takes rates as they are.
+        index: Number of the frame, where each frame is to have a mask of its own; one number for all freezes it.
         per_eye: Whether each eye has random numbers of its own.
         source: Where the random numbers come from.
 
@@ -201,9 +207,10 @@ def sample_map(
 
     Raises:
         ShapeError: If gaze and camera differ in the number of views.
-        ValueError: If a number is out of range or the rates are not in [0, 1].
+        ValueError: If a number is out of range, the rates are not in [0, 1], or too few pixels have a rate above 0 to
+            spend the budget on.
 
-    Cost: about 100 operations per pixel.
+    Cost: about 100 operations per pixel; some 300 from evenly spread numbers.
 
     Example:
         >>> from fovden.foveation import ThreeLayer
@@ -211,6 +218,9 @@ def sample_map(
         >>> samples = sample_map(ThreeLayer(), camera, spp=4, seed=0)
         >>> samples.counts.shape, round(samples.expected), samples.radii
         (torch.Size([1, 1, 1080, 960]), 4755211, (144.0, 288.0))
+        >>> samples = sample_map(ThreeLayer(), camera, spp=4, mean_spp=0.4, source="blue_noise")
+        >>> round(samples.expected), samples.paths
+        (829440, 829440)
     """
     views = camera.views
     gaze = Gaze.center(views) if gaze is None else gaze
@@ -222,15 +232,18 @@ def sample_map(
     require_shapes("v 1 h w", sizes, **{"falloff.rate": rate, "falloff.layer": layer})
     within = bool(((rate >= 0) & (rate <= 1)).all())
     require(within, "falloff.rate", f"{float(rate.min()):g} to {float(rate.max()):g}", "rates from 0 to 1")
+    if mean_spp is not None:
+        require_number("mean_spp", mean_spp, above=0, maximum=spp)
+        rate = rates_at_budget(rate, mean_spp / spp)
     expected = spp * float(rate.sum(dtype=torch.float64))
     if not per_eye and bool((rate == rate[:1]).all()) and bool((layer == layer[:1]).all()):
         rate, layer = rate[:1], layer[:1]
     numbers = mask_numbers(views.resolution, seed, index=index, source=source, views=views.view_count if per_eye else 1)
-    if selects:
-        counts = spp * (numbers < rate).to(torch.int32)
-    else:
-        whole = (spp * rate).floor()
-        counts = (whole + (numbers < spp * rate - whole)).to(torch.int32)
+    whole = torch.zeros_like(rate) if selects else (spp * rate).floor()
+    chance = rate if selects else spp * rate - whole
+    exact = mean_spp is not None and source != "philox"
+    chosen = (select_exactly(numbers, chance) if exact else numbers < chance).to(torch.int32)
+    counts = spp * chosen if selects else whole.to(torch.int32) + chosen
     return SampleMap.from_counts(counts, gaze, layer=layer, expected=expected, radii=radii)
 
 
@@ -267,52 +280,3 @@ def uniform_map(
     counts = whole + (numbers < mean_spp - whole).to(torch.int32)
     expected = mean_spp * views.view_count * math.prod(views.resolution)
     return SampleMap.from_counts(counts, Gaze.center(views), expected=expected)
-
-
-def mask_numbers(
-    resolution: tuple[int, int], seed: int = 0, *, index: int = 0, views: int = 1, source: Source = "philox"
-) -> Tensor:
-    """Returns the random numbers of a mask: :func:`sample_map` selects the pixels whose number is below their rate.
-
-    Args:
-        resolution: Height and width in pixels.
-        seed: Seed of the mask, from 0 to 2^32 - 1.
-        index: Number of the frame, where each frame is to have a mask of its own.
-        views: 1 for a mask that all views share, or the number of views for one in each.
-        source: Where the numbers come from; see :func:`sample_map`.
-
-    Returns:
-        Numbers in [0, 1), each of them uniform, float32, shape (views, 1, h, w).
-
-    Raises:
-        ValueError: If a number is out of range or the source is none of those.
-
-    Example:
-        >>> from fovden.foveation import ThreeLayer
-        >>> camera = StereoCamera.look_at((0, 0, 5), (0, 0, 0), fov_y_deg=60, resolution=(30, 20))
-        >>> rate = ThreeLayer()(camera.views, Gaze.center(camera)).rate
-        >>> torch.equal(mask_numbers((30, 20), 7) < rate[:1], sample_map(ThreeLayer(), camera, seed=7).mask > 0)
-        True
-    """
-    names = get_args(Source)
-    require(source in names, "source", repr(source), f"one of {names}")
-    height, width = resolution
-    view = torch.arange(views)[:, None, None, None]
-
-    def draw(rows: int, columns: int, dimension: int) -> Tensor:
-        pixel = torch.arange(rows * columns).reshape(1, 1, rows, columns)
-        return uniform(seed, Stream.MASK, pixel, view=view, sample=index, dimension=dimension)
-
-    if source == "philox":
-        return draw(height, width, 0)
-    if source == "stratified":
-        rows, columns = (height + 1) // 2, (width + 1) // 2
-        keys = draw(2 * rows, 2 * columns, 0).reshape(views, rows, 2, columns, 2).transpose(2, 3)
-        # The rank of a pixel's key among the four of its block is a random order of the quarters.
-        rank = keys.reshape(views, rows, columns, 4).argsort(dim=-1).argsort(dim=-1)
-        quarter = rank.reshape(views, rows, columns, 2, 2).transpose(2, 3).reshape(views, 1, 2 * rows, 2 * columns)
-        return ((quarter + draw(2 * rows, 2 * columns, 1)) / 4)[..., :height, :width].clamp(max=1 - 2.0**-24)
-    shift = torch.stack([draw(1, 1, dimension) for dimension in (0, 1)]) * TILE
-    y = (torch.arange(height)[:, None] + shift[0].long()) % TILE
-    x = (torch.arange(width) + shift[1].long()) % TILE
-    return (blue_noise_tile()[y, x] + 0.5) / TILE**2

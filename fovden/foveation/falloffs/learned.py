@@ -21,7 +21,8 @@ from torch import Tensor, nn
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require, require_number
 from fovden.foveation.display import eccentricity_pixels
-from fovden.foveation.falloff import RateMap, ThreeLayer
+from fovden.foveation.falloff import RateMap
+from fovden.foveation.falloffs.three_layer import ThreeLayer
 
 __all__ = ["LearnedProfile", "LearnedThreeLayer"]
 
