@@ -18,7 +18,15 @@ from fovden.foveation.falloffs import (
 from fovden.foveation.mask import mask_numbers
 from fovden.foveation.sample_map import SampleMap, sample_map, uniform_map
 from fovden.foveation.soft_mask import relaxed_mask, thinned
-from fovden.foveation.warps import LogPolarWarp, PolarWarp, ScreenWarp, VisualPolarWarp, Warp, eccentricity_blur
+from fovden.foveation.warps import (
+    LogPolarWarp,
+    PolarWarp,
+    ScreenWarp,
+    VisualPolarWarp,
+    Warp,
+    eccentricity_blur,
+    warp_at_budget,
+)
 
 __all__ = [
     "Acuity",
@@ -55,4 +63,5 @@ __all__ = [
     "select_exactly",
     "thinned",
     "uniform_map",
+    "warp_at_budget",
 ]
