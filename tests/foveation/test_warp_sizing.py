@@ -31,10 +31,11 @@ def test_a_budget_is_met_as_nearly_as_columns_allow(name, gaze, budget):
     sized = warp_at_budget(warp, budget)
     target = budget * math.prod(SCREEN)
     found = int(sized.read.sum()) / 2
-    # A column more or less is the unit. Counts jump by more where heights come in steps, and where the gaze is outside
-    # and few columns cross the screen: up to a thirtieth of a raster as small as this one.
-    even = gaze in ("centre", "per eye") and name != "stair"
-    assert abs(found - target) <= max(found / sized.resolution[1], 0 if even else target / 30)
+    # A column more or less is the unit. Where the gaze is outside few columns cross the screen; and where heights come
+    # in steps, a column more makes up to a tenth of the cells of a raster as small as this one come and go.
+    even = gaze in ("centre", "per eye")
+    slack = target / 20 if name == "stair" else 0 if even else target / 50
+    assert abs(found - target) <= max(found / sized.resolution[1], slack)
     aspect = sized.resolution[0] / sized.resolution[1]
     assert aspect == pytest.approx(warp.resolution[0] / warp.resolution[1], rel=0.08)
     assert type(sized) is type(warp)
