@@ -37,7 +37,7 @@ def test_a_budget_is_met_as_nearly_as_columns_allow(name, gaze, budget):
     slack = target / 20 if name == "stair" else 0 if even else target / 50
     assert abs(found - target) <= max(found / sized.resolution[1], slack)
     aspect = sized.resolution[0] / sized.resolution[1]
-    assert aspect == pytest.approx(warp.resolution[0] / warp.resolution[1], rel=0.08)
+    assert aspect == pytest.approx(warp.resolution[0] / warp.resolution[1], rel=0.12)
     assert type(sized) is type(warp)
     assert torch.equal(sized.gaze.pixels, warp.gaze.pixels)
 
