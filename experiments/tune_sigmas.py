@@ -23,7 +23,6 @@ import os
 import statistics
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -180,16 +179,13 @@ def study(settings: Settings, light: str, folder: Path, frames: Frames) -> None:
             f"{name}, by hand": METHODS[name](**hand, demodulate=LIGHTS[light]) for name in METHODS
         }
         with run.stage("fit"):
-            filters: dict[str, NonHomogeneousAtrous] = {}
             for scene in settings.scenes:
                 for name, seed, variant in itertools.product(METHODS, range(settings.seeds), VARIANTS):
                     row = f"{name}, {variant} of {scene}, seed {seed}"
                     say(f"{light}: {row}")
-                    if predicted := variant == "predicted":
-                        rows[row] = PredictedSigmas(deepcopy(filters["passes"]), seed=seed)
-                    else:
-                        learned = {"per_pass": True, "learn_kernel": True} if variant == "passes" else {}
-                        rows[row] = filters[variant] = METHODS[name](**hand, **learned, demodulate=LIGHTS[light])
+                    rows[row] = unfitted(name, variant, hand, light, seed)
+                    if predicted := isinstance(rows[row], PredictedSigmas):
+                        rows[row].inner.load_state_dict(rows[f"{name}, passes of {scene}, seed {seed}"].state_dict())
                     fit(
                         rows[row],
                         frames(scene, "train", name, seed),
@@ -211,6 +207,13 @@ def study(settings: Settings, light: str, folder: Path, frames: Frames) -> None:
             for scene in settings.scenes:
                 run.measurements += judge(frames, scene, rows)
     print(f"\n{light}\n{table(read_metrics(run.folder))}\nfigure: {draw_fitted(run.folder)}")
+
+
+def unfitted(name: str, variant: str, hand: Mapping[str, float], light: str, seed: int) -> Denoiser:
+    """Returns a filter with the widths by hand that has what a variant learns."""
+    learned = {} if variant == "sigmas" else {"per_pass": True, "learn_kernel": True}
+    filters = METHODS[name](**hand, **learned, demodulate=LIGHTS[light])
+    return PredictedSigmas(filters, seed=seed) if variant == "predicted" else filters
 
 
 def kept_by_hand(settings: Settings, frames: Frames, light: str, path: Path) -> dict[str, float]:

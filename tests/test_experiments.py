@@ -15,6 +15,7 @@ learn_falloff = pytest.importorskip("experiments.learn_falloff", reason="not a c
 sampler_convergence = pytest.importorskip("experiments.sampler_convergence", reason="not a checkout")
 
 frame_sets = pytest.importorskip("experiments.frame_sets", reason="not a checkout")
+full_size = pytest.importorskip("experiments.full_size", reason="not a checkout")
 tune_sigmas = pytest.importorskip("experiments.tune_sigmas", reason="not a checkout")
 
 
@@ -92,6 +93,14 @@ def test_widths_are_tuned_and_judged_and_kept(tmp_path, capsys):
     assert len(kept) == 12
     tune_sigmas.run(settings, tmp_path)
     assert capsys.readouterr().out == tables
+    size = full_size.Settings(tmp_path, ("literal",), ("atrium",), (40, 40), 4, repeats=1)
+    full_size.run(size, tmp_path / "size")
+    rows = {(row.method, row.metric): row.value for row in read_metrics(tmp_path / "size" / "literal")}
+    for method in ("Base, by hand", "NH3LD, predicted of atrium, seed 0"):
+        assert {(method, metric) for metric in ("rmse", "flip", "seconds_trace", "seconds_denoise")} <= {
+            key for key in rows if key[0] == method
+        }
+    assert "NH3LD, predicted" in capsys.readouterr().out
     assert all(path.read_bytes() == content for path, content in kept.items())
 
 
