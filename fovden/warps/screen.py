@@ -9,7 +9,7 @@ from torch import Tensor
 
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require, require_shapes
-from fovden.foveation.warps.base import Prefilter, Warp, gaze_of
+from fovden.warps.base import Prefilter, Warp, gaze_of
 
 __all__ = ["ScreenWarp"]
 

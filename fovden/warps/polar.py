@@ -13,9 +13,9 @@ from torch import Tensor
 
 from fovden.camera import Gaze
 from fovden.checks import require, require_number, require_shapes
-from fovden.foveation.warps._resample import Resampling, resample, resampling
-from fovden.foveation.warps.base import Prefilter, Warp
-from fovden.foveation.warps.blur import eccentricity_blur
+from fovden.warps._resample import Resampling, resample, resampling
+from fovden.warps.base import Prefilter, Warp
+from fovden.warps.blur import eccentricity_blur
 
 __all__ = ["PolarWarp"]
 
