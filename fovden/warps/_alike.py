@@ -20,6 +20,14 @@ def alike(first: Warp | None, second: Warp | None) -> bool:
     return type(first) is type(second) and all(_equal(getattr(first, n), getattr(second, n)) for n in names)
 
 
+def same(first: Warp | None, second: Warp | None) -> bool:
+    """Whether two warps lay the same cells: alike, with the same gaze; or both are none."""
+    if first is second:
+        return True
+    gazes = [warp.gaze.pixels for warp in (first, second) if warp is not None]
+    return alike(first, second) and torch.equal(*gazes)
+
+
 def stacked(warps: Sequence[Warp]) -> Warp | None:
     """A warp with the views of warps that are alike, in turn; ``None`` of no warps."""
     return replace(warps[0], gaze=Gaze(torch.cat([warp.gaze.pixels for warp in warps]))) if warps else None

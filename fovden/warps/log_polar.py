@@ -10,7 +10,7 @@ from torch import Tensor
 
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require_number
-from fovden.warps.base import gaze_of, require_parameter
+from fovden.warps._checks import gaze_of, require_parameter
 from fovden.warps.polar import FoveaBorder, PolarWarp
 
 __all__ = ["LogPolarWarp"]

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require, require_shapes
-from fovden.warps.base import Prefilter, Warp, gaze_of
+from fovden.warps._checks import gaze_of
+from fovden.warps.base import Prefilter, Warp
 
 __all__ = ["ScreenWarp"]
 

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require, require_integer, require_number
+from fovden.warps._checks import gaze_of, require_parameter
 from fovden.warps._laws import (
     CENTRE,
     JOIN,
@@ -23,7 +24,6 @@ from fovden.warps._laws import (
     polynomial_inverse,
     polynomial_slope,
 )
-from fovden.warps.base import gaze_of, require_parameter
 from fovden.warps.polar import FoveaBorder, PolarWarp
 
 __all__ = ["VisualPolarWarp"]
