@@ -38,4 +38,4 @@ def require_camera(warp: Warp, camera: Camera | StereoCamera) -> None:
     """Raises unless a warp is for the views and the screen of a camera."""
     views = camera.views
     require_shapes("v 2", {"v": views.view_count}, **{"warp.gaze.pixels": warp.gaze.pixels})
-    require(views.resolution == warp.screen, "camera.resolution", views.resolution, f"the warp's screen, {warp.screen}")
+    require(views.resolution == warp.screen, "camera.resolution", views.resolution, f"the screen's, {warp.screen}")

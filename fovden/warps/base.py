@@ -380,7 +380,9 @@ class Warp(ABC):
             torch.float64
         """
         own = {field.name: getattr(self, field.name) for field in fields(self)}
-        moved = {name: each.to(*args, **kwargs) for name, each in own.items() if isinstance(each, Gaze | Tensor)}
+        moved: dict[str, Any] = {
+            name: each.to(*args, **kwargs) for name, each in own.items() if isinstance(each, Gaze | Tensor)
+        }
         return replace(self, **moved)
 
     def _shift(self, jitter: tuple[float, float]) -> Tensor:
