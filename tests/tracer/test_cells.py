@@ -9,14 +9,14 @@ import torch
 from builders import lit_room, rounded, scene_of, sphere
 from scipy import stats
 from significance import LEVEL, assert_same_mean
-from test_determinism import assert_same_bits
+from test_determinism import assert_same_bits, set_tiles
 
-from fovden import parallel
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.foveation import LogPolarWarp, SampleMap, ScreenWarp, ThreeLayer, VisualPolarWarp, sample_map, uniform_map
 from fovden.tracer import (
     EnvironmentLight,
     Instant,
+    Integrator,
     Material,
     disoccluded,
     make_scene,
@@ -70,7 +70,8 @@ def test_cells_see_what_their_rays_meet(scene, name, jitter):
     warp = WARPS[name]
     gbuffer = trace_gbuffer(scene, CAMERA, warp=warp, jitter=jitter)
     rays = warp.cell_to_ray(CAMERA, warp.cells() + torch.tensor(jitter))
-    hits = scene.intersect(rays.origins, rays.directions)
+    hits = scene.intersect(*(part.flatten(0, 1).contiguous() for part in rays))
+    hits = type(hits)(*(part.reshape(2, -1) for part in hits))
     there = warp.exists.expand(2, -1, -1, -1).reshape(2, -1)
     prim = gbuffer.prim.reshape(2, -1)
     alike = prim == hits.prim
@@ -164,11 +165,12 @@ def test_random_numbers_are_functions_of_the_cell(scene):
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_the_number_of_threads_changes_no_bit(scene, count):
+def test_the_number_of_threads_changes_no_bit(scene, threads, count, monkeypatch):
+    set_tiles(monkeypatch, 64)  # tiles for all of them
     warp = WARPS["visual-polar"]
     once = trace_frame(scene, CAMERA, 2, warp=warp, seed=1, jitter=(0.1, 0.2))
-    with parallel.threads(count):
-        again = trace_frame(scene, CAMERA, 2, warp=warp, seed=1, jitter=(0.1, 0.2))
+    threads(count)
+    again = trace_frame(scene, CAMERA, 2, warp=warp, seed=1, jitter=(0.1, 0.2))
     assert_same_bits(dataclasses.replace(again, warp=None), dataclasses.replace(once, warp=None))
 
 
@@ -212,29 +214,35 @@ def test_light_in_cells_is_that_of_the_screen():
 
 
 @pytest.mark.parametrize("name", ["log-polar", "visual-polar"])
-def test_traced_cells_lie_as_densely_as_the_closed_form_says(name):
-    """Chi-square of paths in boxes of the screen, cells jittered over their area frame by frame."""
-    camera = StereoCamera.look_at((0, 0, 2), (0, 0, 0), fov_y_deg=60, resolution=(96, 128)).views
-    gaze = Gaze(torch.tensor([[50.0, 40.0], [50.0, 40.0]]))
-    warp = {"log-polar": LogPolarWarp, "visual-polar": VisualPolarWarp}[name].for_camera(camera, gaze)
+def test_traced_cells_lie_as_densely_as_the_closed_form_says(scene, name):
+    """Chi-square of the points that paths start from, in boxes of 32 x 32 pixels, against the density's integral.
+
+    Every frame has another jitter, and traces one cell in twelve, drawn by itself. What the cells of a frame have in
+    common, its jitter, then adds a few per cent to the variance of independent draws. The box of the gaze, near which
+    the log-polar density has no bound, is left out.
+    """
+    eyes = StereoCamera.look_at((0.2, 0.1, 1.8), (0.0, -0.2, 0.0), fov_y_deg=70, resolution=(96, 128)).views
+    camera = Camera(eyes.origin[:1], eyes.rotation[:1], eyes.bounds[:1], (96, 128))
+    kind = {"log-polar": LogPolarWarp, "visual-polar": VisualPolarWarp}[name]
+    warp = kind.for_camera(camera, Gaze(torch.tensor([[50.0, 40.0]])))
+    share, frames, counts = 0.08, 25, np.zeros((3, 4))
+    mean_spp = share * int(warp.read.sum()) / (96 * 128)
     generator = torch.Generator().manual_seed(3)
-    samples = uniform_map(camera, 0.5, warp=dataclasses.replace(warp))
-    counts = np.zeros((12, 16))
-    for _ in range(40):
+    for index in range(frames):
         jitter = tuple((torch.rand(2, generator=generator) - 0.5).tolist())
-        points = warp.positions(jitter)[0]
-        traced = trace_gbuffer(open_scene(), camera, warp=warp, jitter=jitter).prim[0].flatten() >= -1
-        kept = points[traced & warp.read[0].flatten()]
-        inside = (kept >= 0).all(1) & (kept[:, 0] < 128) & (kept[:, 1] < 96)
-        x, y = (kept[inside] / 8).long().unbind(1)
-        np.add.at(counts, (y.numpy(), x.numpy()), 1)
-    assert samples.paths > 0
-    fine = torch.stack(torch.meshgrid(torch.arange(0, 128, 0.25), torch.arange(0, 96, 0.25), indexing="xy"), -1) + 0.125
-    density = warp.density(fine.reshape(1, -1, 2).expand(2, -1, -1).double())[0].reshape(12, 32, 16, 32).sum((1, 3))
-    far = density / density.sum() * counts.sum() > 20
-    expected = (density / 16).numpy() * 40
-    # One jitter for all cells spreads them more evenly than chance: the statistic may be too small, never too large.
-    chance = stats.chi2.sf((((counts - expected) ** 2) / expected)[far.numpy()].sum(), int(far.sum()))
+        samples = uniform_map(camera, mean_spp, seed=11, index=index, warp=warp)
+        frame = trace_frame(scene, camera, samples, jitter=jitter, integrator=Integrator(bounces=0))
+        points, _ = camera.project(frame.gbuffer.position.flatten(2).mT)
+        x, y = (points[0][frame.counts.flatten() > 0] / 32).floor().long().unbind(1)
+        inside = (x >= 0) & (x < 4) & (y >= 0) & (y < 3)
+        np.add.at(counts, (y[inside].numpy(), x[inside].numpy()), 1)
+    fine = torch.stack(torch.meshgrid(torch.arange(0, 128, 0.1), torch.arange(0, 96, 0.1), indexing="xy"), -1) + 0.05
+    density = warp.density(fine.reshape(1, -1, 2).double())
+    expected = share * frames * density.reshape(3, 320, 4, 320).mean((1, 3)).numpy() * 32**2
+    enough = expected > 20
+    enough[1, 1] = False
+    assert enough.sum() > 6
+    chance = stats.chi2.sf(((counts - expected) ** 2 / expected)[enough].sum(), enough.sum())
     assert chance > LEVEL
 
 
@@ -264,7 +272,8 @@ def test_transport_leads_to_the_previous_cells_of_the_same_points(name, jitter):
     border = ((pixels % torch.tensor([40.0, 30.0])) < 1e-2).any(-1)
     agree = (valid.reshape(2, -1) == (hit & inside)) | border | (~hit & warp.exists.reshape(1, -1))
     assert agree.all()
-    kept = hit & inside & ~border
+    away = (pixels - previous.gaze.pixels[:, None]).norm(dim=-1) > 1.01  # no log-polar cell lies nearer
+    kept = hit & inside & ~border & away
     assert kept.double().mean() > 0.3
     found, expected = previous.cell_to_screen(cells.flatten(2).mT.double()), pixels.double()
     assert torch.allclose(found[kept], expected[kept], atol=2e-3)
@@ -294,13 +303,13 @@ def test_geometry_has_derivatives_in_the_raster():
 
     gaze = base.clone().requires_grad_()
     gbuffer = seen(gaze)
-    step = torch.tensor([[0.02, 0.0], [0.0, 0.02]])
+    step = torch.tensor([[0.02, 0.0], [0.0, 0.0]])
     before, after = seen(base - step), seen(base + step)
     same = (before.prim == after.prim) & (before.prim == gbuffer.prim) & gbuffer.hit
-    slopes = (after.depth - before.depth)[same].sum() / 0.04
-    (found,) = torch.autograd.grad(gbuffer.depth[same].sum(), gaze)
-    assert math.isclose(found[0, 0] + found[1, 1], slopes, rel_tol=2e-2)
-    assert abs(slopes) > 0.1
+    slopes = (after.position - before.position)[:, 0][same[:, 0]].sum() / 0.04
+    (found,) = torch.autograd.grad(gbuffer.position[:, 0][same[:, 0]].sum(), gaze)
+    assert math.isclose(found[0, 0], slopes, rel_tol=2e-2)
+    assert abs(slopes) > 1
 
 
 def test_bad_input_is_named(scene):
@@ -318,4 +327,4 @@ def test_bad_input_is_named(scene):
     with pytest.raises(ValueError, match="samples: expected one of the warp"):
         trace_frame(scene, CAMERA, elsewhere, warp=warp)
     with pytest.raises(ValueError, match=r"previous\.screen: expected this one's"):
-        warp.transport(WARPS["screen"], torch.zeros(2, 2, 1, 1))
+        warp.transport(dataclasses.replace(warp, screen=(9, 9)), torch.zeros(2, 2, 22, 27))
