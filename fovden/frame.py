@@ -13,13 +13,16 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
+from fovden._cards import eyes, not_finite, place_of, share, type_of
 from fovden.camera import Camera, Gaze
 from fovden.checks import require, require_integer, require_shapes
-from fovden.preview import Picture, card, finite_exposure, never_raising, ramp, shades, show, shrink, to_levels
+from fovden.preview import Picture, card, never_raising, ramp, shades, show, shrink, to_levels
+from fovden.warps import Warp
+from fovden.warps._alike import alike, stacked
 
 __all__ = ["Frame", "GBuffer", "Reference"]
 
-Record = TypeVar("Record", "GBuffer", "Frame", "Reference")
+Record = TypeVar("Record", bound="GBuffer | Frame | Reference | Camera | Gaze | Warp")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +35,7 @@ class GBuffer:
         position: Position in the world in metres, shape (v, 3, h, w); 0 on a miss.
         depth: Distance along the viewing axis in metres, shape (v, 1, h, w); 0 on a miss.
         roughness: Roughness in [0, 1], shape (v, 1, h, w); 1 is Lambertian, 0 on a miss.
-        motion: Pixels (x, y) to where this surface was in the previous frame, shape (v, 2, h, w):
+        motion: Pixels (x, y) of the screen to where this surface was in the previous frame, shape (v, 2, h, w):
             previous = current + motion.
         prim: Index of the triangle hit, int32, shape (v, 1, h, w); -1 is a miss.
         barycentric: Weights (u, v) of the triangle's second and third vertex, shape (v, 2, h, w).
@@ -100,19 +103,20 @@ class GBuffer:
         views, _, height, width = self.albedo.shape
         units = {"position": ", metres", "depth": ", metres", "motion": ", pixels"}
         rows = {
-            "views": f"{views} of {width} x {height} pixels, {_type_of(self.albedo)}"
+            "views": f"{views} of {width} x {height} pixels, {type_of(self.albedo)}"
             + "; shown: the first" * (views > 1),
-            "surfaces": f"{_share(self.hit)} of the pixels, {len(torch.unique(self.prim[self.hit])):,} triangles",
+            "surfaces": f"{share(self.hit)} of the pixels, {len(torch.unique(self.prim[self.hit])):,} triangles",
         }
         rows |= {f.name: f"{tuple(getattr(self, f.name).shape)}{units.get(f.name, '')}" for f in fields(self)}
-        return card("GBuffer", pictures, rows | _not_finite(self))
+        return card("GBuffer", pictures, rows | not_finite(self))
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
     """A noisy frame: the light that was sampled, how often, and the geometry that it fell on.
 
-    There is no reference here, so that no filter can peek at it.
+    There is no reference here, so that no filter can peek at it. Pixels are those of the screen, or with a ``warp`` the
+    cells of its raster.
 
     Attributes:
         direct: Light that reached the first surface from a light source, mean over the pixel's samples, 0 where it
@@ -128,7 +132,7 @@ class Frame:
         jitter: Sub-pixel shift (x, y) of the whole frame in pixels; (0, 0) means that rays pass pixel centres.
         index: Number of the frame in its sequence.
         seed: Seed of the random numbers that made it.
-        raster: Name of the grid that the pixels lie on; ``"screen"`` is the camera's own.
+        warp: The raster that the pixels are cells of; ``None`` is the camera's own.
         weight: Weight of each pixel as a tap, in [0, 1], shape (v, 1, h, w); ``None`` means that of ``counts``. The
             light beneath a weight of 0 is hidden from values, not from gradients (:func:`fovden.foveation.thinned`).
 
@@ -151,7 +155,7 @@ class Frame:
     jitter: tuple[float, float] = (0.0, 0.0)
     index: int = 0
     seed: int = 0
-    raster: str = "screen"
+    warp: Warp | None = None
     weight: Tensor | None = None
 
     def __post_init__(self) -> None:
@@ -165,6 +169,13 @@ class Frame:
             require_shapes("v 3", sizes, **{"camera.origin": self.camera.origin})
         if self.gaze is not None:
             require_shapes("v 2", sizes, **{"gaze.pixels": self.gaze.pixels})
+        if self.warp is not None:
+            require_shapes("v 2", sizes, **{"warp.gaze.pixels": self.warp.gaze.pixels})
+            same = self.warp.resolution == self.resolution
+            require(same, "warp.resolution", self.warp.resolution, f"{self.resolution}, as the images have")
+            if self.camera is not None:
+                same = self.camera.resolution == self.warp.screen
+                require(same, "camera.resolution", self.camera.resolution, f"the warp's screen, {self.warp.screen}")
         object.__setattr__(self, "layer", self.layer.to(torch.int32))
 
     @classmethod
@@ -203,6 +214,11 @@ class Frame:
         return (self.counts > 0 if self.weight is None else self.weight).to(self.direct.dtype)
 
     @property
+    def raster(self) -> str:
+        """Name of the grid that the pixels lie on; ``"screen"`` is the camera's own."""
+        return "screen" if self.warp is None else self.warp.name
+
+    @property
     def resolution(self) -> tuple[int, int]:
         """Height and width in pixels."""
         return int(self.direct.shape[2]), int(self.direct.shape[3])
@@ -223,7 +239,7 @@ class Frame:
             A frame whose views are those of all frames in turn. Camera and gaze are kept where all have one.
 
         Raises:
-            ValueError: If ``frames`` is empty or the resolutions differ.
+            ValueError: If ``frames`` is empty or the resolutions or rasters differ; the gaze of a raster may.
 
         Example:
             >>> frame = Frame.from_radiance(torch.ones(2, 3, 4, 4), GBuffer.empty(2, (4, 4)))
@@ -234,6 +250,8 @@ class Frame:
         for number, frame in enumerate(frames):
             same = frame.resolution == frames[0].resolution
             require(same, f"frames[{number}].resolution", frame.resolution, f"{frames[0].resolution}, as the first has")
+            same = alike(frame.warp, frames[0].warp)
+            require(same, f"frames[{number}].warp", frame.raster, f"{frames[0].raster} with the first one's parameters")
         joined: dict[str, Any] = {}
         for name in ("direct", "indirect", "emission", "counts", "luminance_squared", "layer"):
             joined[name] = torch.cat([getattr(frame, name) for frame in frames])
@@ -241,14 +259,15 @@ class Frame:
         joined["weight"] = torch.cat([frame.mask for frame in frames]) if weighted else None
         gbuffers = [frame.gbuffer for frame in frames]
         geometry = {f.name: torch.cat([getattr(g, f.name) for g in gbuffers]) for f in fields(GBuffer)}
-        cameras = [frame.camera for frame in frames]
+        cameras = [frame.camera for frame in frames if frame.camera is not None]
         joined["camera"] = None
-        if all(camera is not None for camera in cameras):
+        if len(cameras) == len(frames):
             parts = {n: torch.cat([getattr(c, n) for c in cameras]) for n in ("origin", "rotation", "bounds")}
-            joined["camera"] = Camera(**parts, resolution=frames[0].resolution)
+            joined["camera"] = Camera(**parts, resolution=cameras[0].resolution)
         joined["gaze"] = None
         if all(frame.gaze is not None for frame in frames):
             joined["gaze"] = Gaze(torch.cat([frame.gaze.pixels for frame in frames if frame.gaze is not None]))
+        joined["warp"] = stacked([frame.warp for frame in frames if frame.warp is not None])
         return replace(frames[0], gbuffer=GBuffer(**geometry), **joined)
 
     def to(self, *args: Any, **kwargs: Any) -> Frame:
@@ -266,21 +285,22 @@ class Frame:
         height, width = self.resolution
         counts = self.counts.detach().double()
         most = float(counts.max()) if counts.numel() else 0.0
-        samples = Picture(ramp(counts[:1], 0.0, most), f"samples per pixel, black 0, white {most:.4g}")
-        pictures = [*_eyes(self.radiance), samples]
+        unit = "pixel" if self.warp is None else "cell"
+        samples = Picture(ramp(counts[:1], 0.0, most), f"samples per {unit}, black 0, white {most:.4g}")
+        pictures = [*eyes(self.radiance), samples]
         shares = self.layer.flatten().bincount().double() / max(1, self.layer.numel())
         if len(shares) > 1:
             pictures.append(Picture(shades(self.layer[:1]), "layers, the innermost white"))
         gaze = None if self.gaze is None else ", ".join(f"({x:g}, {y:g})" for x, y in self.gaze.pixels.tolist())
         rows = {
-            "views": f"{self.view_count} of {width} x {height} pixels, {_type_of(self.direct)}",
-            "samples": f"{float(counts.mean()):.3f} per pixel on average, {_share(counts > 0)} of the pixels have any",
-            "layers": ", ".join(f"{number}: {share:.1%}" for number, share in enumerate(shares.tolist())) or "none",
+            "views": f"{self.view_count} of {width} x {height} {unit}s, {type_of(self.direct)}",
+            "samples": f"{float(counts.mean()):.3f} per {unit} on average, {share(counts > 0)} of {unit}s have any",
+            "layers": ", ".join(f"{number}: {part:.1%}" for number, part in enumerate(shares.tolist())) or "none",
             "gaze": "unknown" if gaze is None else f"{gaze} pixels",
-            "camera": _place_of(self.camera),
+            "camera": place_of(self.camera),
             "frame": f"index {self.index}, seed {self.seed}, raster {self.raster}, jitter {self.jitter}",
         }
-        return card("Frame", pictures, rows | _not_finite(self))
+        return card("Frame", pictures, rows | not_finite(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,12 +351,12 @@ class Reference:
         views, _, height, width = self.mean.shape
         noise = float(self.variance.mean(dtype=torch.float64).sqrt())
         rows = {
-            "views": f"{views} of {width} x {height} pixels, {_type_of(self.mean)}",
+            "views": f"{views} of {width} x {height} pixels, {type_of(self.mean)}",
             "samples": f"{self.count} per pixel, seed {self.seed}",
             "noise": f"{noise:.3g} (RMS standard error of the radiance)",
-            "camera": _place_of(self.camera),
+            "camera": place_of(self.camera),
         }
-        return card("Reference", _eyes(self.mean), rows | _not_finite(self))
+        return card("Reference", eyes(self.mean), rows | not_finite(self))
 
 
 def _move(tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
@@ -354,44 +374,6 @@ def _map_tensors(record: Record, change: Callable[[Tensor], Tensor]) -> Record:
         value = getattr(record, field.name)
         if isinstance(value, Tensor):
             changed[field.name] = change(value)
-        elif isinstance(value, GBuffer):
+        elif isinstance(value, GBuffer | Camera | Gaze | Warp):
             changed[field.name] = _map_tensors(value, change)
-        elif isinstance(value, Camera):
-            parts: dict[str, Any] = {n: change(getattr(value, n)) for n in ("origin", "rotation", "bounds")}
-            changed[field.name] = replace(value, **parts)
-        elif isinstance(value, Gaze):
-            changed[field.name] = Gaze(change(value.pixels))
     return replace(record, **changed)
-
-
-def _eyes(radiance: Tensor) -> list[Picture]:
-    """Thumbnails of the first two views, both at one exposure."""
-    exposure = finite_exposure(radiance)
-    names = ("left eye", "right eye") if len(radiance) == 2 else ("view 0", "view 1")
-    views = zip(names, radiance, strict=False)
-    return [Picture(show(view[None], exposure), f"{name}, exposure {exposure:.3g}, sRGB") for name, view in views]
-
-
-def _type_of(tensor: Tensor) -> str:
-    return f"{str(tensor.dtype).removeprefix('torch.')} on {tensor.device}"
-
-
-def _place_of(camera: Camera | None) -> str:
-    if camera is None:
-        return "unknown"
-    return "at " + ", ".join(f"({x:.3g}, {y:.3g}, {z:.3g})" for x, y, z in camera.origin.tolist()) + " m"
-
-
-def _share(condition: Tensor) -> str:
-    return f"{float(condition.double().mean()) if condition.numel() else 0:.1%}"
-
-
-def _not_finite(record: Record) -> dict[str, str]:
-    """Numbers of values that are not finite, by the field's name; nothing where all are."""
-    numbers = {}
-    for field in fields(record):
-        value = getattr(record, field.name)
-        if isinstance(value, Tensor) and value.is_floating_point():
-            numbers[field.name] = int((~torch.isfinite(value)).sum())
-    found = ", ".join(f"{number:,} in {name}" for name, number in numbers.items() if number)
-    return {"not finite": f"{found} (cyan above)"} if found else {}

@@ -18,7 +18,7 @@ from fovden.foveation.falloffs import (
 from fovden.foveation.mask import mask_numbers
 from fovden.foveation.sample_map import SampleMap, sample_map, uniform_map
 from fovden.foveation.soft_mask import relaxed_mask, thinned
-from fovden.foveation.warps import (
+from fovden.warps import (
     LogPolarWarp,
     PolarWarp,
     ScreenWarp,

@@ -20,7 +20,7 @@ and the default view, the first one, has no view part. Two views are called ``le
 
 and a reference ``R G B`` (its mean) and ``variance.R G B``; a denoised image has ``R G B`` alone. What is not an image
 is in text attributes, JSON each, whose names start with ``fovden_``: ``camera``, ``gaze``, ``jitter``, ``index``,
-``seed``, ``raster``, ``count``.
+``seed``, ``warp``, ``count``.
 
 Files are written beside their place and moved there when complete: a reader never meets half a file.
 """

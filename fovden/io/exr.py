@@ -23,7 +23,7 @@ from fovden.io.files import FilePath, atomic_write
 __all__ = ["BEAUTY", "Exr", "ImageChannels", "load_exr", "read_exr", "write_exr"]
 
 ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
-    "frame": ("camera", "gaze", "jitter", "index", "seed", "raster"),
+    "frame": ("camera", "gaze", "jitter", "index", "seed", "warp"),
     "reference": ("camera", "count", "seed"),
 }
 

@@ -14,6 +14,7 @@ from fovden.frame import Frame, GBuffer
 from fovden.io.exr import BEAUTY, Exr, ImageChannels, read_exr, write_exr
 from fovden.io.files import FilePath
 from fovden.io.foreign import foreign_frame
+from fovden.io.warps import warp_from_json, warp_to_json
 
 __all__ = ["camera_from_json", "camera_to_json", "load_frame", "save_frame"]
 
@@ -48,7 +49,8 @@ def save_frame(path: FilePath, frame: Frame) -> None:
 
     Raises:
         ValueError: If the name does not end in ``.exr``, the frame is not float32, its light is negative or not
-            finite, or it has a ``weight``, which is for learning alone.
+            finite, it has a ``weight``, which is for learning alone, or its raster is of a class that is not this
+            package's.
         OSError: If the file cannot be written.
 
     Example:
@@ -71,7 +73,7 @@ def save_frame(path: FilePath, frame: Frame) -> None:
         "jitter": list(frame.jitter),
         "index": frame.index,
         "seed": frame.seed,
-        "raster": frame.raster,
+        "warp": warp_to_json(frame.warp),
     }
     write_exr(path, tensors, attributes)
 
@@ -120,7 +122,8 @@ def load_frame(path: FilePath, *, camera: Camera | StereoCamera | None = None) -
     require(kind in (None, "frame"), str(path), f"a {kind}", "a frame")
     views = None if camera is None else camera.views
     if views is not None:
-        size = (len(file.views), *next(iter(file.channels.values())).shape)
+        warp = warp_from_json(file.attributes.get("warp"))
+        size = (len(file.views), *(next(iter(file.channels.values())).shape if warp is None else warp.screen))
         given = (views.view_count, *views.resolution)
         require(given == size, "camera", given, f"the file's views, height and width {size}")
     frame = foreign_frame(file, views) if kind is None else _own_frame(file)
@@ -143,7 +146,7 @@ def _own_frame(file: Exr) -> Frame:
         jitter=(attributes["jitter"][0], attributes["jitter"][1]),
         index=attributes["index"],
         seed=attributes["seed"],
-        raster=attributes["raster"],
+        warp=warp_from_json(attributes["warp"]),
     )
 
 

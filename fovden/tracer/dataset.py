@@ -12,13 +12,16 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
+from fovden.camera import Gaze
 from fovden.checks import require, require_integer
 from fovden.foveation.falloff import Falloff
 from fovden.foveation.sample_map import SampleMap, sample_map
 from fovden.frame import Frame, Reference
+from fovden.tracer.cells import require_raster
 from fovden.tracer.integrator import PAPERS, Integrator, require_light, trace_frame
 from fovden.tracer.reference import accumulate_reference
-from fovden.tracer.sequence import Sequence
+from fovden.tracer.sequence import Instant, Sequence
+from fovden.warps import Warp
 
 __all__ = ["FrameDataset"]
 
@@ -41,7 +44,7 @@ class FrameDataset(Dataset[Item]):
         sequence: What is seen.
         falloff: How the samples are spread, such as :class:`fovden.foveation.ThreeLayer`; ``None`` for ``spp``
             everywhere.
-        spp: Samples per pixel at full rate.
+        spp: Samples per pixel, or cell, at full rate.
         seed: Seed of all random numbers, 0 to 2^32 - 1. Masks and paths of every item are independent; those of two
             data sets are too, if their seeds differ.
         draws: How many items each frame of the sequence gives, with different masks and noise: item i is a draw of
@@ -49,9 +52,12 @@ class FrameDataset(Dataset[Item]):
         reference_spp: Samples per pixel of the references; ``None`` for none.
         folder: Existing folder that keeps references, so that each is traced once; ``None`` traces them every time.
         integrator: How paths are made. Those of references have as many bounces, and choose lights by power.
+        warp: A raster in whose cells the noisy frames are traced, each around the gaze of its own frame; that of
+            ``warp`` itself does not matter. References are on the screen. ``None`` for the camera's own raster.
 
     Raises:
-        ValueError: If a number is out of range, the folder is not there, or nothing in the scene gives light.
+        ValueError: If a number is out of range, the folder is not there, nothing in the scene gives light, or the
+            raster is for another screen.
 
     Example:
         >>> from torch.utils.data import DataLoader
@@ -72,6 +78,7 @@ class FrameDataset(Dataset[Item]):
     reference_spp: int | None = None
     folder: str | os.PathLike[str] | None = None
     integrator: Integrator = PAPERS
+    warp: Warp | None = None
 
     def __post_init__(self) -> None:
         require_integer("spp", self.spp, minimum=1)
@@ -81,7 +88,9 @@ class FrameDataset(Dataset[Item]):
             require_integer("reference_spp", self.reference_spp, minimum=1)
         if self.folder is not None:
             require(Path(self.folder).is_dir(), "folder", self.folder, "an existing folder")
-        require_light(self.sequence[0].scene)  # here, not in a worker; and what it makes, forked workers share
+        first = self.sequence[0]
+        require_raster(first.camera, self._warp(first))
+        require_light(first.scene)  # here, not in a worker; and what it makes, forked workers share
 
     def __len__(self) -> int:
         return self.draws * len(self.sequence)
@@ -97,11 +106,19 @@ class FrameDataset(Dataset[Item]):
         # Copies: a worker moves the tensors of an item to shared memory, while the next one is being made from these.
         scene, camera, gaze = self.sequence[number]
         camera, gaze = copy.deepcopy((camera, gaze))
+        warp = self._warp(Instant(scene, camera, gaze))
         samples: SampleMap | int = self.spp
         if self.falloff is not None:
-            samples = sample_map(self.falloff, camera, gaze, self.spp, self.seed, index=index)
+            samples = sample_map(self.falloff, camera, gaze, self.spp, self.seed, warp=warp, index=index)
         frame = trace_frame(
-            scene, camera, samples, seed=self._seed(index), index=number, previous=previous, integrator=self.integrator
+            scene,
+            camera,
+            samples,
+            warp=warp,
+            seed=self._seed(index),
+            index=number,
+            previous=previous,
+            integrator=self.integrator,
         )
         if self.reference_spp is None:
             return frame, None
@@ -118,6 +135,12 @@ class FrameDataset(Dataset[Item]):
             progress=None,
         )
         return frame, reference
+
+    def _warp(self, seen: Instant) -> Warp | None:
+        """The raster around the gaze of an instant."""
+        if self.warp is None:
+            return None
+        return replace(self.warp, gaze=Gaze.center(seen.camera) if seen.gaze is None else seen.gaze)
 
     def _seed(self, number: int) -> int:
         """NumPy's hash of two numbers; with their sum, neighbouring seeds would share most of their noise."""

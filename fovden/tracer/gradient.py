@@ -22,6 +22,7 @@ from fovden.color import srgb_to_linear
 
 if TYPE_CHECKING:
     from fovden.tracer.scene import Scene
+    from fovden.warps import Warp
 
 __all__ = [
     "albedo_at",
@@ -286,7 +287,9 @@ def emission_at(corners: Tensor, emission: Tensor, directions: Tensor) -> Tensor
     return torch.where((_dot(normal, directions) < 0)[..., None], emission, 0)
 
 
-def seen_at(scene: Scene, camera: Camera, jitter: tuple[float, float], prim: Tensor) -> dict[str, Tensor]:
+def seen_at(
+    scene: Scene, camera: Camera, jitter: tuple[float, float], prim: Tensor, warp: Warp | None = None
+) -> dict[str, Tensor]:
     """Returns what pixels see, from the triangles that they see.
 
     Args:
@@ -294,12 +297,14 @@ def seen_at(scene: Scene, camera: Camera, jitter: tuple[float, float], prim: Ten
         camera: The views.
         jitter: Shift (x, y) of all rays in pixels.
         prim: Triangle of each pixel, -1 for none, shape (v, 1, h, w).
+        warp: The raster whose cells the pixels are; ``None`` for the camera's own.
 
     Returns:
         The fields ``albedo``, ``normal``, ``position``, ``depth`` and ``barycentric`` of a
         :class:`fovden.frame.GBuffer`, and the ``emission`` of surfaces, shape (v, 3, h, w); zero where nothing is hit.
 
-    Differentiable: in the scene's vertices, normals, texture coordinates and materials, and in the camera's tensors.
+    Differentiable: in the scene's vertices, normals, texture coordinates and materials, and in the tensors of
+    camera and raster.
 
     Example:
         >>> from fovden.tracer import make_scene, trace_gbuffer
@@ -311,7 +316,10 @@ def seen_at(scene: Scene, camera: Camera, jitter: tuple[float, float], prim: Ten
     assert scene.normals is not None  # filled in by Scene, like uv
     assert scene.uv is not None
     numbers = prim.flatten(1)
-    pixels = pixel_centres(camera.resolution).to(camera.origin) + torch.tensor(jitter).to(camera.origin)
+    if warp is None:
+        pixels = pixel_centres(camera.resolution).to(camera.origin) + torch.tensor(jitter).to(camera.origin)
+    else:
+        pixels = warp.positions(jitter).to(camera.origin)
     origins, directions = camera.rays(pixels.expand(camera.view_count, -1, 2))
     corners = corners_at(scene.vertices, scene.faces, numbers)
     t, u, v = hits_at(corners, origins, directions)

@@ -16,9 +16,11 @@ from fovden import parallel
 from fovden.camera import Camera, StereoCamera
 from fovden.checks import require, require_shapes
 from fovden.frame import GBuffer
+from fovden.tracer.cells import cell_points, require_raster
 from fovden.tracer.kernels import motion as kernels
 from fovden.tracer.scene import Scene
 from fovden.tracer.sequence import Instant
+from fovden.warps import Warp
 
 __all__ = ["disoccluded", "motion_vectors"]
 
@@ -37,6 +39,7 @@ def motion_vectors(
     camera: Camera | StereoCamera,
     previous: Instant,
     *,
+    warp: Warp | None = None,
     jitter: tuple[float, float] = (0.0, 0.0),
 ) -> Tensor:
     """Returns how many pixels to go from each pixel to where its surface point was in the previous frame.
@@ -49,12 +52,16 @@ def motion_vectors(
     jitter; who wants to read the previous frame's own pixels, whose values lie at their centres plus its jitter, adds
     ``frame.jitter - previous_frame.jitter``.
 
+    In the cells of a raster it is the same vector on the screen, in pixels, and not in cells: where the two rasters lay
+    is not a matter of the surface. :meth:`fovden.foveation.Warp.transport` leads from cells to the previous cells.
+
     Args:
         gbuffer: What the camera sees of the scene.
         scene: The scene.
         camera: The views.
         previous: Scene and camera of the previous frame: the same triangles, views and resolution.
-        jitter: The shift (x, y) in pixels with which the G-buffer was traced.
+        warp: The raster in whose cells the G-buffer was traced; ``None`` for the camera's own.
+        jitter: The shift (x, y) in pixels, or cells, with which the G-buffer was traced.
 
     Returns:
         Motion (x, y) in pixels, previous = current + motion, float32, shape (v, 2, h, w). A point that was not in
@@ -74,7 +81,7 @@ def motion_vectors(
         >>> motion_vectors(gbuffer, scene, camera, Instant(scene, camera)).abs().max()
         tensor(0.)
     """
-    return _reprojected(gbuffer, scene, camera, previous, jitter).motion
+    return _reprojected(gbuffer, scene, camera, previous, warp, jitter).motion
 
 
 def disoccluded(
@@ -83,6 +90,7 @@ def disoccluded(
     camera: Camera | StereoCamera,
     previous: Instant,
     *,
+    warp: Warp | None = None,
     jitter: tuple[float, float] = (0.0, 0.0),
 ) -> Tensor:
     """Returns whether what each pixel shows was invisible in the previous frame.
@@ -97,10 +105,11 @@ def disoccluded(
         scene: The scene.
         camera: The views.
         previous: Scene and camera of the previous frame: the same triangles, views and resolution.
-        jitter: The shift (x, y) in pixels with which the G-buffer was traced.
+        warp: The raster in whose cells the G-buffer was traced; ``None`` for the camera's own.
+        jitter: The shift (x, y) in pixels, or cells, with which the G-buffer was traced.
 
     Returns:
-        Booleans, shape (v, 1, h, w).
+        Booleans, shape (v, 1, h, w); false in a place that is no cell.
 
     Raises:
         ShapeError: If the numbers of views, pixels, triangles or vertices differ.
@@ -116,14 +125,15 @@ def disoccluded(
         >>> disoccluded(gbuffer, scene, camera, Instant(scene, camera)).any()
         tensor(False)
     """
-    then = _reprojected(gbuffer, scene, camera, previous, jitter)
+    then = _reprojected(gbuffer, scene, camera, previous, warp, jitter)
     eye, row, column = then.visible.nonzero(as_tuple=True)
     towards, prim = then.towards[eye, row, column], gbuffer.prim[eye, 0, row, column]
     hits = previous.scene.intersect(previous.camera.views.origin.detach().float()[eye], towards)
     # Towards a point, t is the share of its distance; towards the surroundings of a miss, any hit hides them.
     nearer = torch.where(prim >= 0, hits.t < 1 - SURFACE, torch.isfinite(hits.t))
     then.visible[eye, row, column] = ~(nearer & (hits.prim != prim))
-    return ~then.visible[:, None]
+    found = ~then.visible[:, None]
+    return found if warp is None else found & warp.exists.to(found.device)
 
 
 class _Reprojected(NamedTuple):
@@ -135,10 +145,15 @@ class _Reprojected(NamedTuple):
 
 
 def _reprojected(
-    gbuffer: GBuffer, scene: Scene, camera: Camera | StereoCamera, previous: Instant, jitter: tuple[float, float]
+    gbuffer: GBuffer,
+    scene: Scene,
+    camera: Camera | StereoCamera,
+    previous: Instant,
+    warp: Warp | None,
+    jitter: tuple[float, float],
 ) -> _Reprojected:
     """Takes every pixel's point back to the previous frame."""
-    views, height, width = _require_alike(gbuffer, scene, camera, previous)
+    views, height, width = _require_alike(gbuffer, scene, camera, previous, warp)
     count = views.view_count
     result = _Reprojected(
         torch.empty(count, 2, height, width),
@@ -153,6 +168,8 @@ def _reprojected(
         _eyes(previous.camera.views, previous.scene),
         float(jitter[0]),
         float(jitter[1]),
+        cell_points(warp, jitter).numpy(),
+        *views.resolution,
         *(tensor.numpy() for tensor in result),
     )
     parallel.run(kernels.reproject, count * height * width, arguments, tile=PIXELS_PER_TILE)
@@ -167,16 +184,16 @@ def _eyes(views: Camera, scene: Scene) -> kernels.Eyes:
 
 
 def _require_alike(
-    gbuffer: GBuffer, scene: Scene, camera: Camera | StereoCamera, previous: Instant
+    gbuffer: GBuffer, scene: Scene, camera: Camera | StereoCamera, previous: Instant, warp: Warp | None
 ) -> tuple[Camera, int, int]:
-    """The views, and their height and width; an error where two frames cannot be compared."""
+    """The views, and height and width of images; an error where two frames cannot be compared."""
     views, before = camera.views, previous.camera.views
-    height, width = views.resolution
+    height, width = require_raster(views, warp)
     sizes = {"v": views.view_count, "h": height, "w": width}
     require_shapes("v 1 h w", sizes, **{"gbuffer.prim": gbuffer.prim})
     require_shapes("v 3", sizes, **{"previous.camera.origin": before.origin})
-    same = tuple(before.resolution) == (height, width)
-    require(same, "previous.camera.resolution", before.resolution, f"{(height, width)}, as the camera has")
+    same = tuple(before.resolution) == tuple(views.resolution)
+    require(same, "previous.camera.resolution", before.resolution, f"{views.resolution}, as the camera has")
     counts = {"n": len(scene.vertices), "m": scene.triangle_count}
     require_shapes("n 3", counts, **{"previous.scene.vertices": previous.scene.vertices})
     require_shapes("m 3", counts, **{"previous.scene.faces": previous.scene.faces})

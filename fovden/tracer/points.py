@@ -12,8 +12,10 @@ from torch.nn.functional import normalize
 from fovden.camera import Camera
 from fovden.checks import require_coordinates, require_integer, require_shapes
 from fovden.frame import Frame
+from fovden.tracer.cells import cell_points, require_raster
 from fovden.tracer.gradient import corners_at, interpolated
 from fovden.tracer.scene import Scene
+from fovden.warps import Warp
 
 __all__ = ["Shading", "SurfacePoints", "surface_points"]
 
@@ -33,7 +35,8 @@ class SurfacePoints:
         barycentric: Weights (u, v) of the triangle's second and third vertex, shape (n, 2).
         camera: The views that saw them.
         seed: Seed of the frame.
-        jitter: Shift (x, y) of the frame in pixels.
+        jitter: Shift (x, y) of the frame in pixels, or cells.
+        warp: The raster whose cells the pixels are; ``None`` for the camera's own.
 
     Example:
         >>> from fovden.tracer import make_scene, trace_frame
@@ -50,13 +53,14 @@ class SurfacePoints:
     camera: Camera
     seed: int = 0
     jitter: tuple[float, float] = (0.0, 0.0)
+    warp: Warp | None = None
 
     def __post_init__(self) -> None:
         sizes = require_shapes("n 3", coords=self.coords)
         require_shapes("n", sizes, counts=self.counts, prim=self.prim)
         require_shapes("n 2", sizes, barycentric=self.barycentric)
         require_integer("seed", self.seed, minimum=0, maximum=0xFFFFFFFF)
-        require_coordinates("coords", self.coords, self.camera.view_count, self.camera.resolution)
+        require_coordinates("coords", self.coords, self.camera.view_count, self.resolution)
         for name in ("coords", "counts", "prim"):
             object.__setattr__(self, name, getattr(self, name).to(torch.int32).contiguous())
 
@@ -67,6 +71,17 @@ class SurfacePoints:
         """Some of the points, by numbers, booleans or a slice."""
         names = ("coords", "counts", "prim", "barycentric")
         return replace(self, **{name: getattr(self, name)[chosen] for name in names})
+
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """Height and width of the frame's images."""
+        return require_raster(self.camera, self.warp)
+
+    @property
+    def raster_points(self) -> Tensor:
+        """Where the rays of the points pass the screen, in pixels, shape (n, 2); empty without a warp."""
+        view, y, x = self.coords.long().unbind(1)
+        return torch.zeros(0, 2) if self.warp is None else cell_points(self.warp, self.jitter)[view, y, x]
 
     def positions(self, scene: Scene) -> Tensor:
         """Returns where the points are in a scene with these triangles, which may have moved since.
@@ -112,6 +127,8 @@ class SurfacePoints:
         views = self.camera if camera is None else camera
         view = self.coords[:, 0].long()
         pixels = self.coords[:, [2, 1]] + 0.5 + torch.tensor(self.jitter)
+        if self.warp is not None:
+            pixels = self.raster_points.nan_to_num()  # what is no cell has no light, whatever its direction
         homogeneous = torch.cat([pixels, torch.ones_like(pixels[:, :1])], 1).to(views.origin)
         rays = normalize((views.pixel_to_world[view] @ homogeneous[:, :, None])[:, :, 0], dim=1)
         if camera is None:
@@ -140,7 +157,7 @@ class SurfacePoints:
         """
         require_shapes("n *", {"n": len(self)}, values=values)
         view, y, x = self.coords.long().to(values.device).unbind(1)
-        blank = values.new_zeros(self.camera.view_count, *self.camera.resolution, values.shape[1])
+        blank = values.new_zeros(self.camera.view_count, *self.resolution, values.shape[1])
         return blank.index_put((view, y, x), values).permute(0, 3, 1, 2).contiguous()
 
 
@@ -203,4 +220,5 @@ def surface_points(frame: Frame, coords: Tensor | None = None) -> SurfacePoints:
         camera=Camera(views.origin.cpu(), views.rotation.cpu(), views.bounds.cpu(), views.resolution),
         seed=frame.seed,
         jitter=frame.jitter,
+        warp=None if frame.warp is None else frame.warp.to("cpu"),
     )

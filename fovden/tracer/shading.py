@@ -29,13 +29,14 @@ class Listed(NamedTuple):
     """Pixels that get paths.
 
     ``coordinates`` are view, y and x, the address of their random numbers, int32, (k, 3); ``places`` the same of where
-    images hold them; ``directions`` those in which they are seen, (k, 3), or (0, 3) for camera rays; ``counts`` their
-    samples, int32, (k).
+    images hold them; ``directions`` those in which they are seen, (k, 3), or (0, 3) for camera rays; ``points`` where
+    these pass the screen, (k, 2), or (0, 2) on the camera's own grid; ``counts`` their samples, int32, (k).
     """
 
     coordinates: Tensor
     places: Tensor
     directions: Tensor
+    points: Tensor
     counts: Tensor
 
 
@@ -48,6 +49,7 @@ def run_paths(
     choice: LightChoice,
     setting: Setting,
     *,
+    width: int,
     tape: Tensor | None = None,
     progress: parallel.Progress = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
@@ -61,6 +63,7 @@ def run_paths(
         seen: Images of what pixels see: triangles, barycentric weights and emission.
         choice: How surfaces choose lights.
         setting: How paths are made.
+        width: Width of the frame's images, from which pixels are numbered.
         tape: Receives what all paths are made of, shape (all samples, bounces + 1, TAPE), zero before.
         progress: See :func:`fovden.parallel.run`.
 
@@ -74,9 +77,9 @@ def run_paths(
         >>> frame = trace_frame(scene, scene.camera.at((4, 4)), 1, seed=7)
         >>> seen = frame.gbuffer.prim, frame.gbuffer.barycentric, frame.emission
         >>> coordinates, ones = torch.tensor([[0, 1, 2]], dtype=torch.int32), torch.ones(1, dtype=torch.int32)
-        >>> listed = Listed(coordinates, coordinates, torch.zeros(0, 3), ones)
+        >>> listed = Listed(coordinates, coordinates, torch.zeros(0, 3), torch.zeros(0, 2), ones)
         >>> setting = Integrator().setting(7, Stream.PATH)
-        >>> direct, _, _ = run_paths(scene, frame.camera, (0.0, 0.0), listed, seen, "uniform", setting)
+        >>> direct, _, _ = run_paths(scene, frame.camera, (0.0, 0.0), listed, seen, "uniform", setting, width=4)
         >>> torch.equal(direct[0, :, 1, 2], frame.direct[0, :, 1, 2])
         True
     """
@@ -95,7 +98,7 @@ def run_paths(
             np.float32(jitter[1] + 0.5),
             *(image.detach().numpy() for image in seen),
             *(field.contiguous().numpy() for field in listed),
-            views.resolution[1],
+            width,
             setting,
             direct.numpy(),
             indirect.numpy(),
@@ -156,7 +159,8 @@ def shaded(
         directions = points.directions(scene, camera).detach().float()
     prim, barycentric = points.prim[None, None, None], points.barycentric.detach().float().mT[None, :, None]
     emission = torch.zeros(1, 3, 1, count)
-    arrays = (prim, points.coords, places, directions, emission)
+    passed = points.raster_points
+    arrays = (prim, points.coords, places, directions, passed, emission)
     shift = (np.float32(points.jitter[0] + 0.5), np.float32(points.jitter[1] + 0.5))
     parallel.run(
         paths.see_listed,
@@ -168,9 +172,12 @@ def shaded(
     if taped:
         require(scene.triangle_count <= EXACT, "scene", scene.triangle_count, f"at most {EXACT} triangles to record")
         tape = torch.zeros(int(points.counts.sum()), setting.bounces + 1, TAPE)
-    listed = Listed(points.coords, places, directions, points.counts)
+    listed = Listed(points.coords, places, directions, passed, points.counts)
     seen = (prim, barycentric.contiguous(), emission)
-    images = run_paths(scene, views, points.jitter, listed, seen, choice, setting, tape=tape, progress=progress)
+    width = points.resolution[1]
+    images = run_paths(
+        scene, views, points.jitter, listed, seen, choice, setting, width=width, tape=tape, progress=progress
+    )
     direct, indirect, luminance_squared = (image[0, :, 0].mT for image in images)
     own = emission[0, :, 0].mT * (points.counts > 0)[:, None]
     shading = Shading(direct, indirect, own, luminance_squared[:, 0])

@@ -8,6 +8,7 @@ import torch
 
 from fovden.camera import Gaze, StereoCamera
 from fovden.frame import Frame, GBuffer
+from fovden.warps import VisualPolarWarp
 
 HEIGHT, WIDTH = 19, 23  # more rows than one block of 16, and odd
 
@@ -59,7 +60,7 @@ def make_frame(views=2):
         jitter=(1 / 3, -0.1),
         index=12,
         seed=2**40 + 1,
-        raster="log_polar",
+        warp=VisualPolarWarp(Gaze(torch.rand(views, 2) * 30), (HEIGHT, WIDTH), (HEIGHT, WIDTH), cut="stair", block=4),
     )
 
 
@@ -78,7 +79,10 @@ def assert_same_frame(loaded, saved):
         assert torch.equal(getattr(loaded.camera, name), getattr(saved.camera, name)), name
     assert loaded.camera.resolution == saved.camera.resolution
     assert torch.equal(loaded.gaze.pixels, saved.gaze.pixels)
-    for name in ("jitter", "index", "seed", "raster"):
+    assert torch.equal(loaded.warp.gaze.pixels, saved.warp.gaze.pixels)
+    for field in fields(saved.warp)[1:]:
+        assert getattr(loaded.warp, field.name) == getattr(saved.warp, field.name), field.name
+    for name in ("jitter", "index", "seed"):
         assert getattr(loaded, name) == getattr(saved, name), name
 
 

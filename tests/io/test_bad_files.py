@@ -102,8 +102,8 @@ def test_damaged_attributes_are_an_error(tmp_path):
     path = tmp_path / "frame.exr"
     save_frame(path, make_frame())
     content = path.read_bytes()
-    path.write_bytes(content.replace(b'"log_polar"', b'"log_polar '))
-    with pytest.raises(ValueError, match=r"frame\.exr: attribute fovden_raster: expected JSON"):
+    path.write_bytes(content.replace(b'"stair"', b'"stair '))
+    with pytest.raises(ValueError, match=r"frame\.exr: attribute fovden_warp: expected JSON"):
         load_frame(path)
     path.write_bytes(content.replace(b"fovden_gaze", b"fovden_haze"))
     with pytest.raises(ValueError, match=r"got a file without fovden_gaze"):

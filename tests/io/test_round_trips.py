@@ -49,7 +49,7 @@ def test_other_programs_find_the_standard_names(tmp_path):
     with OpenEXR.File(str(tmp_path / "frame.exr"), separate_channels=True) as file:
         header, channels = dict(file.header()), dict(file.channels())
     assert header["multiView"] == ["left", "right"]
-    assert {"fovden_camera", "fovden_gaze", "fovden_seed", "fovden_jitter", "fovden_index", "fovden_raster"} <= set(
+    assert {"fovden_camera", "fovden_gaze", "fovden_seed", "fovden_jitter", "fovden_index", "fovden_warp"} <= set(
         header
     )
     for name, expected in (

@@ -43,7 +43,8 @@ def test_pytorch_finds_nothing_wrong_with_pictures():
     scene = make_scene("cornell_box")
     views = scene.camera.at((6, 8)).views
     arguments = (scene.number, views.origin, views.rotation, views.bounds, (6, 8), (0.0, 0.25))
-    torch.library.opcheck(OPERATORS.trace_visible.default, arguments)
+    for points in (torch.zeros(0, 0, 0, 2), torch.full((2, 3, 5, 2), 2.5)):
+        torch.library.opcheck(OPERATORS.trace_visible.default, (*arguments, points))
 
 
 def test_a_function_of_rays_compiles():

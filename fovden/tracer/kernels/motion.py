@@ -86,6 +86,9 @@ def reproject(
     before: Eyes,
     jitter_x: Float,
     jitter_y: Float,
+    points: Any,
+    height: Int,
+    width: Int,
     motion: Any,
     towards: Any,
     visible: Any,
@@ -102,20 +105,28 @@ def reproject(
         before: Those of the previous one.
         jitter_x: Shift of the rays to the right, in pixels.
         jitter_y: Shift of the rays downwards.
-        motion: Receives the way on the raster in pixels, (v, 2, h, w); to (-w, -h) for what was not ahead.
+        points: Raster coordinates of the rays, (v, h, w, 2), NaN where there is none; empty for the camera's own grid.
+        height: Height of the screen.
+        width: Width of the screen.
+        motion: Receives the way on the screen in pixels, (v, 2, h, w); to (-w, -h) for what was not ahead.
         towards: Receives the way from the previous eye to the point in metres, (v, h, w, 3).
         visible: Receives whether the point was inside the previous image and showed the same side, (v, h, w).
     """
-    height, width = prim.shape[2], prim.shape[3]
+    rows, columns = prim.shape[2], prim.shape[3]
     for i in range(start, stop):
-        view, y, x = i // (height * width), i // width % height, i % width
+        view, y, x = i // (rows * columns), i // columns % rows, i % columns
         triangle = np.int64(prim[view, 0, y, x])
         u, v = np.float64(barycentric[view, 0, y, x]), np.float64(barycentric[view, 1, y, x])
-        sky = away(now, view, x + 0.5 + jitter_x, y + 0.5 + jitter_y, height, width)
+        across, down = x + 0.5 + jitter_x, y + 0.5 + jitter_y
+        if points.shape[0] > 0:
+            across, down = np.float64(points[view, y, x, 0]), np.float64(points[view, y, x, 1])
+        sky = away(now, view, across, down, height, width)
         here = seen_from(now, view, faces, triangle, u, v, sky, height, width)
         there = seen_from(before, view, faces, triangle, u, v, sky, height, width)
         motion[view, 0, y, x] = (there.x if there.ahead else -width) - here.x
         motion[view, 1, y, x] = (there.y if there.ahead else -height) - here.y
+        if np.isnan(across):
+            motion[view, 0, y, x], motion[view, 1, y, x] = ZERO, ZERO
         way = there.towards
         towards[view, y, x, 0], towards[view, y, x, 1], towards[view, y, x, 2] = way.x, way.y, way.z
         inside = 0 <= there.x <= width and 0 <= there.y <= height

@@ -73,20 +73,24 @@ def view_ray(views: Views, view: Int, x: Float, y: Float) -> tuple[Vector, Vecto
 
 @inlined
 def listed_direction(
-    views: Views, jitter_x: Float, jitter_y: Float, coordinates: Any, directions: Any, i: Int
+    views: Views, jitter_x: Float, jitter_y: Float, coordinates: Any, directions: Any, points: Any, i: Int
 ) -> Vector:
     """Unit direction in which listed pixel i is seen: along its camera ray, unless directions are given."""
     if directions.shape[0] > 0:
         return Vector(directions[i, 0], directions[i, 1], directions[i, 2])
     x, y = np.float32(coordinates[i, 2]) + jitter_x, np.float32(coordinates[i, 1]) + jitter_y
+    if points.shape[0] > 0:
+        x, y = points[i, 0], points[i, 1]
     return view_ray(views, np.int64(coordinates[i, 0]), x, y)[1]
 
 
 @inlined
 def background(world: World, hit: Hit, direction: Vector) -> Vector:
-    """What a camera ray sees shine: the emitter that it hits, or the surroundings."""
+    """What a camera ray sees shine: the emitter that it hits, or the surroundings; a ray that is NaN sees neither."""
     if hit.prim >= 0:
         return emitted(world.geometry, hit.prim, direction)
+    if np.isnan(direction.x):
+        return BLACK
     return environment_radiance(world.lights, direction)
 
 
@@ -113,6 +117,7 @@ def trace_primary(
     views: Views,
     jitter_x: Float,
     jitter_y: Float,
+    points: Any,
     albedo: Any,
     normal: Any,
     position: Any,
@@ -124,17 +129,21 @@ def trace_primary(
 ) -> None:
     """Writes the G-buffer and the visible emission of the tiles start .. stop - 1.
 
-    Tiles are four by four pixels, counted row by row through all views.
+    Tiles are four by four pixels, counted row by row through all views. ``points`` are the raster coordinates of their
+    rays, (v, h, w, 2), empty for the camera's own grid. Where they are NaN nothing is seen, not even the surroundings.
     """
     tile, world = stack_floats(TILE_SIZE), open_world(nodes, blocks, geometry, lights)
     height, width = prim.shape[2], prim.shape[3]
-    across, down = (width + SIDE - 1) // SIDE, (height + SIDE - 1) // SIDE
+    columns, rows = (width + SIDE - 1) // SIDE, (height + SIDE - 1) // SIDE
     for item in range(start, stop):
-        view, top, left = item // (across * down), item // across % down * SIDE, item % across * SIDE
+        view, top, left = item // (columns * rows), item // columns % rows * SIDE, item % columns * SIDE
         origin = views.origin[view]
         for i in range(RAYS):
             y, x = min(top + i // SIDE, height - 1), min(left + i % SIDE, width - 1)
-            _, direction = view_ray(views, view, np.float32(x) + jitter_x, np.float32(y) + jitter_y)
+            across, down = np.float32(x) + jitter_x, np.float32(y) + jitter_y
+            if points.shape[0] > 0:
+                across, down = points[view, y, x, 0], points[view, y, x, 1]
+            _, direction = view_ray(views, view, across, down)
             put_direction(tile, i, direction)
         closest_tile(world.accelerator, tile, origin[0], origin[1], origin[2])
         for i in range(RAYS):
@@ -178,6 +187,7 @@ def trace_listed(
     coordinates: Any,
     places: Any,
     directions: Any,
+    points: Any,
     counts: Any,
     width: Int,
     setting: Setting,
@@ -197,7 +207,7 @@ def trace_listed(
         geometry: Triangles and materials.
         lights: The lights.
         views: The camera.
-        jitter_x: Shift of the frame plus half a pixel.
+        jitter_x: Shift of the frame plus half a pixel; for the camera's own grid.
         jitter_y: The same, downwards.
         prim: Triangle that each pixel sees, (v, 1, h, w).
         barycentric: Where on it, (v, 2, h, w).
@@ -205,8 +215,9 @@ def trace_listed(
         coordinates: View, y, x of the listed pixels, the address of their random numbers, (k, 3).
         places: View, y, x of where the images hold them, (k, 3); for images of whole views the same.
         directions: Unit directions in which they are seen, (k, 3); empty for their camera rays.
+        points: Raster coordinates of their camera rays, (k, 2); empty for the camera's own grid.
         counts: Samples of each of them, (k).
-        width: Width of a view.
+        width: Width of a view's images.
         setting: How paths are made.
         direct: Receives the mean direct light; zero before, and left so where a pixel sees no surface.
         indirect: Receives the mean indirect light, likewise.
@@ -230,7 +241,7 @@ def trace_listed(
                 item += 1
                 continue
             if sample == 0 or count == 0:
-                direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, item)
+                direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, points, item)
                 pixel = np.int64(coordinates[item, 1]) * width + np.int64(coordinates[item, 2])
                 put_path(world, batch, count, hit, direction, pixel, np.int64(coordinates[item, 0]))
             else:
@@ -274,13 +285,14 @@ def see_listed(
     coordinates: Any,
     places: Any,
     directions: Any,
+    points: Any,
     emission: Any,
 ) -> None:
     """Writes what the triangles of the listed pixels start .. stop - 1 emit; arguments as of :func:`trace_listed`."""
     world = open_world(nodes, blocks, geometry, lights)
     for i in range(start, stop):
         view, y, x = np.int64(places[i, 0]), np.int64(places[i, 1]), np.int64(places[i, 2])
-        direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, i)
+        direction = listed_direction(views, jitter_x, jitter_y, coordinates, directions, points, i)
         hit = Hit(ZERO, ZERO, ZERO, np.int64(prim[view, 0, y, x]))
         write(emission, view, y, x, background(world, hit, direction))
 

@@ -16,8 +16,8 @@ from torch import Tensor
 from fovden.camera import pixel_centres
 
 if TYPE_CHECKING:
-    from fovden.foveation.warps.base import Prefilter
-    from fovden.foveation.warps.polar import PolarWarp
+    from fovden.warps.base import Prefilter
+    from fovden.warps.polar import PolarWarp
 
 TURN = 2 * torch.pi
 

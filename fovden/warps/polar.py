@@ -13,9 +13,9 @@ from torch import Tensor
 
 from fovden.camera import Gaze
 from fovden.checks import require, require_number, require_shapes
-from fovden.foveation.warps._resample import Resampling, resample, resampling
-from fovden.foveation.warps.base import Prefilter, Warp
-from fovden.foveation.warps.blur import eccentricity_blur
+from fovden.warps._resample import Resampling, resample, resampling
+from fovden.warps.base import Prefilter, Warp
+from fovden.warps.blur import eccentricity_blur
 
 __all__ = ["PolarWarp"]
 
@@ -186,10 +186,28 @@ class PolarWarp(Warp):
         offset = distance[..., None] * torch.stack([angle.cos(), angle.sin()], dim=-1)
         return (self.gaze.pixels.double()[:, None] + offset).to(cells.dtype)
 
+    def positions(self, jitter: tuple[float, float] = (0.0, 0.0)) -> Tensor:
+        """Returns where every place of the rectangle lies on the screen, in row-major order; see :class:`Warp`.
+
+        Distances depend on columns alone and angles on no gaze: much cheaper than :meth:`cell_to_screen`.
+
+        Example:
+            >>> from fovden.foveation import LogPolarWarp
+            >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (4, 2), alpha=1.0)
+            >>> warp.positions((-0.5, -0.5))[0, 1]
+            tensor([7.0711, 0.0000])
+        """
+        shift = self._shift(jitter).double()
+        rows, columns = (torch.arange(size).to(shift) + 0.5 for size in self.resolution)
+        distance = self.to_distance(((columns + shift[0]) / self.resolution[1]).expand(self.view_count, -1))
+        angle = (rows + shift[1])[:, None] * TURN / self.heights
+        offset = torch.stack([angle.cos(), angle.sin()], dim=-1) * distance[:, None, :, None]
+        return (self.gaze.pixels.double()[:, None] + offset.flatten(1, 2)).to(self.gaze.pixels.dtype)
+
     def screen_to_cell(self, points: Tensor) -> Tensor:
         """Returns the cell coordinates of points on the screen: the inverse of :meth:`cell_to_screen`.
 
-        The row counts in the height of the column that x lies in, rounded. Differentiable as its inverse.
+        The row counts in the height of the column that x lies in, rounded.
 
         Example:
             >>> from fovden.foveation import LogPolarWarp
@@ -203,9 +221,7 @@ class PolarWarp(Warp):
         return torch.stack([x, y.to(points.dtype)], dim=-1)
 
     def jacobian(self, cells: Tensor) -> Tensor:
-        """Returns the derivatives of screen coordinates in cell coordinates, in pixels per cell.
-
-        Differentiable as :meth:`cell_to_screen`.
+        """Returns the derivatives of screen coordinates in cell coordinates, in pixels per cell, differentiable.
 
         Example:
             >>> from fovden.foveation import LogPolarWarp
@@ -224,8 +240,7 @@ class PolarWarp(Warp):
     def density(self, points: Tensor) -> Tensor:
         """Returns how many cells fall on a pixel at points on the screen: w h / (2 pi r dr/dt).
 
-        Here h is the height of the column there. It is 0 where no column reaches, and infinite at the gaze itself.
-        Differentiable as :meth:`screen_to_cell`.
+        Here h is the height of the column there. It is 0 where no column reaches, infinite at the gaze, differentiable.
 
         Example:
             >>> from fovden.foveation import LogPolarWarp
@@ -369,9 +384,8 @@ class PolarWarp(Warp):
         return inside.clamp(0, self.resolution[1] - 1), turned
 
     def _resamplings(self, prefilter: Prefilter) -> list[Resampling]:
-        if not any(
-            isinstance(each, Tensor) and each.requires_grad for each in (self.gaze.pixels, *vars(self).values())
-        ):
+        tensors = (each for each in (self.gaze.pixels, *vars(self).values()) if isinstance(each, Tensor))
+        if not any(each.requires_grad for each in tensors):
             if prefilter not in self._kept:
                 with torch.inference_mode(False), torch.no_grad():  # kept for later calls, whose mode may be another
                     self._kept[prefilter] = [resampling(eye, prefilter) for eye in self._eyes()]

@@ -12,7 +12,8 @@ from torch import Tensor
 
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require, require_integer, require_number
-from fovden.foveation.warps._laws import (
+from fovden.warps._checks import gaze_of, require_parameter
+from fovden.warps._laws import (
     CENTRE,
     JOIN,
     POLYNOMIALS,
@@ -23,8 +24,7 @@ from fovden.foveation.warps._laws import (
     polynomial_inverse,
     polynomial_slope,
 )
-from fovden.foveation.warps.base import gaze_of, require_parameter
-from fovden.foveation.warps.polar import FoveaBorder, PolarWarp
+from fovden.warps.polar import FoveaBorder, PolarWarp
 
 __all__ = ["VisualPolarWarp"]
 

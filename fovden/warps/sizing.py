@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from fovden.checks import require, require_number
-from fovden.foveation.warps.base import Warp
+from fovden.warps.base import Warp
 
 __all__ = ["warp_at_budget"]
 

@@ -10,9 +10,11 @@ from typing import Any, Literal, Self
 
 import torch
 from torch import Tensor
+from torch.nn.functional import grid_sample
 
 from fovden.camera import Camera, Gaze, Rays, StereoCamera, pixel_centres
-from fovden.checks import require, require_finite, require_integer, require_number, require_shapes
+from fovden.checks import require, require_integer, require_number, require_shapes
+from fovden.warps._checks import require_camera
 
 __all__ = ["Warp"]
 
@@ -199,22 +201,26 @@ class Warp(ABC):
     @property
     def valid(self) -> Tensor:
         """Whether a place is a cell, and its centre on the screen: bool, shape (v, 1, h, w)."""
-        points = self.cell_to_screen(self.cells()).detach()
+        points = self.positions().detach()
         height, width = self.screen
         inside = (points >= 0).all(-1) & (points[..., 0] < width) & (points[..., 1] < height)
         return inside.reshape(-1, 1, *self.resolution) & self.exists
 
-    @property
+    @cached_property
     def read(self) -> Tensor:
         """Whether :meth:`to_screen` reads a cell at all: bool, shape (v, 1, h, w).
 
         Pixels at the screen's edge lie between cells some of whose centres are outside. Tracing the cells that are
         read, and no others, leaves no dark rim.
         """
-        image = torch.zeros(self.view_count, 1, *self.resolution, device=self.gaze.pixels.device, requires_grad=True)
-        with torch.enable_grad():
+        with torch.inference_mode(False), torch.enable_grad():  # kept for later calls, whose mode may be another
+            shape = (self.view_count, 1, *self.resolution)
+            image = torch.zeros(shape, device=self.gaze.pixels.device, requires_grad=True)
             (found,) = torch.autograd.grad(self.to_screen(image).sum(), image)
-        return found > 0
+            return found > 0
+
+    def __getstate__(self) -> dict[str, Any]:  # what is kept for later calls stays in its process
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def cells(self, offsets: Tensor | None = None) -> Tensor:
         """Returns a point in every place of the rectangle in row-major order, cell or not.
@@ -242,6 +248,28 @@ class Warp(ABC):
         require_shapes("v n 2", {"v": self.view_count, "n": math.prod(self.resolution)}, offsets=offsets)
         return centres - 0.5 + offsets
 
+    def positions(self, jitter: tuple[float, float] = (0.0, 0.0)) -> Tensor:
+        """Returns where every place of the rectangle lies on the screen, in row-major order, cell or not.
+
+        Args:
+            jitter: Shift (x, y) from the centres in cells, each in [-0.5, 0.5), so that it stays within the cell.
+
+        Returns:
+            Coordinates (x, y) in pixels, in the floating type of the gaze, shape (v, h w, 2).
+
+        Raises:
+            ValueError: If the jitter is out of range.
+
+        Differentiable: in the warp's tensors.
+
+        Example:
+            >>> from fovden.foveation import ScreenWarp
+            >>> ScreenWarp(Gaze(torch.zeros(1, 2)), (1, 2), (1, 2)).positions((0.25, 0.0))
+            tensor([[[0.7500, 0.5000],
+                     [1.7500, 0.5000]]])
+        """
+        return self.cell_to_screen(self.cells() + self._shift(jitter))
+
     def cell_to_ray(self, camera: Camera | StereoCamera, cells: Tensor | None = None) -> Rays:
         """Returns the camera's rays through cells.
 
@@ -266,11 +294,53 @@ class Warp(ABC):
             >>> torch.equal(warp.cell_to_ray(camera).directions, camera.rays().directions)
             True
         """
+        require_camera(self, camera)
         views = camera.views
-        require_shapes("v 2", {"v": views.view_count}, **{"gaze.pixels": self.gaze.pixels})
-        require(views.resolution == self.screen, "camera.resolution", views.resolution, f"the screen's, {self.screen}")
-        points = self.cell_to_screen(self.cells() if cells is None else cells)
+        points = self.positions() if cells is None else self.cell_to_screen(cells)
         return views.rays(points.to(views.origin.dtype))
+
+    def transport(
+        self, previous: Warp, motion: Tensor, *, jitter: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[Tensor, Tensor]:
+        """Returns where the surfaces that this frame's cells see lie in the previous frame's raster.
+
+        Motion is a vector on the screen, and each frame has a raster around its own gaze; for all cells
+
+            previous_cell = previous.screen_to_cell(cell_to_screen(cell) + motion)
+
+        The previous frame's value of cell (i, j) is that of (i + 0.5, j + 0.5) plus its own jitter.
+
+        Args:
+            previous: The raster of the previous frame, on the same screen; it may differ in anything else.
+            motion: ``gbuffer.motion`` of this frame, in pixels, shape (v, 2, h, w).
+            jitter: That of this frame.
+
+        Returns:
+            Cell coordinates (x, y), the shape of ``motion``; and whether they are of use: the place is a cell, and its
+            point was on the previous screen, bool, shape (v, 1, h, w).
+
+        Raises:
+            ShapeError: If the motion does not fit, or the rasters differ in the number of views.
+            ValueError: If the screens differ, or the jitter leaves the cell.
+
+        Differentiable: in ``motion`` and both warps' tensors.
+
+        Example:
+            >>> from fovden.foveation import ScreenWarp
+            >>> warp = ScreenWarp(Gaze(torch.zeros(1, 2)), (1, 3), (1, 3))
+            >>> motion = torch.tensor([1.0, 0.0]).reshape(1, 2, 1, 1).expand(1, 2, 1, 3)
+            >>> cells, valid = warp.transport(warp, motion)
+            >>> cells[0, 0], valid[0, 0]
+            (tensor([[1.5000, 2.5000, 3.5000]]), tensor([[ True,  True, False]]))
+        """
+        sizes = {"v": self.view_count, "h": self.resolution[0], "w": self.resolution[1]}
+        require_shapes("v 2 h w", sizes, motion=motion)
+        require_shapes("v 2", sizes, **{"previous.gaze.pixels": previous.gaze.pixels})
+        require(previous.screen == self.screen, "previous.screen", previous.screen, f"this one's, {self.screen}")
+        before = self.positions(jitter).to(motion.dtype) + motion.flatten(2).mT
+        size = before.new_tensor([self.screen[1], self.screen[0]])
+        inside = ((before >= 0) & (before <= size)).all(-1).reshape(-1, 1, *self.resolution)
+        return previous.screen_to_cell(before).mT.reshape(motion.shape), inside & self.exists
 
     def from_screen(self, image: Tensor) -> Tensor:
         """Returns an image in pixels as one in cells, for tests and figures: frames are traced in cells instead.
@@ -296,17 +366,10 @@ class Warp(ABC):
         """
         height, width = self.screen
         sizes = {"v": self.view_count, "height": height, "width": width}
-        channels = require_shapes("v c height width", sizes, image=image)["c"]
-        points = self.cell_to_screen(self.cells().double()) - 0.5
-        flat = image.reshape(self.view_count, channels, -1)
-        x, y = points[..., 0].clamp(0, width - 1), points[..., 1].clamp(0, height - 1)
-        left, top = x.detach().floor().long(), y.detach().floor().long()
-        total = torch.zeros(()).to(image)
-        for row, along in ((top, 1 - (y - top)), ((top + 1).clamp(max=height - 1), y - top)):
-            for column, across in ((left, 1 - (x - left)), ((left + 1).clamp(max=width - 1), x - left)):
-                index = (row * width + column)[:, None].expand(-1, channels, -1)
-                total = total + flat.gather(2, index) * (along * across)[:, None].to(image.dtype)
-        return total.reshape(-1, channels, *self.resolution) * self.exists
+        require_shapes("v c height width", sizes, image=image)
+        grid = self.positions().double().reshape(-1, *self.resolution, 2) * 2 / image.new_tensor([width, height]) - 1
+        found = grid_sample(image.double(), grid, padding_mode="border", align_corners=False)
+        return found.to(image.dtype) * self.exists
 
     def to(self, *args: Any, **kwargs: Any) -> Self:
         """Returns the warp on another device or in another floating type, with the arguments of ``Tensor.to``.
@@ -316,12 +379,17 @@ class Warp(ABC):
             >>> ScreenWarp(Gaze(torch.zeros(1, 2)), (4, 6), (4, 6)).to(torch.float64).gaze.pixels.dtype
             torch.float64
         """
-        changed: dict[str, Any] = {"gaze": self.gaze.to(*args, **kwargs)}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, Tensor):
-                changed[field.name] = value.to(*args, **kwargs)
-        return replace(self, **changed)
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        moved: dict[str, Any] = {
+            name: each.to(*args, **kwargs) for name, each in own.items() if isinstance(each, Gaze | Tensor)
+        }
+        return replace(self, **moved)
+
+    def _shift(self, jitter: tuple[float, float]) -> Tensor:
+        for shift in jitter:
+            within = -0.5 <= require_number("jitter", shift) < 0.5
+            require(within, "jitter", jitter, "shifts from -0.5 to below 0.5 cells")
+        return self.gaze.pixels.new_tensor(jitter)
 
     def _require_image(self, image: Tensor, mask: Tensor | None) -> None:
         sizes = {"v": self.view_count, "h": self.resolution[0], "w": self.resolution[1]}
@@ -329,22 +397,3 @@ class Warp(ABC):
         if mask is not None:
             sizes["v"] = mask.shape[0] if mask.ndim == 4 and mask.shape[0] == 1 else self.view_count
             require_shapes("v 1 h w", sizes, mask=mask)
-
-
-def require_parameter(name: str, value: float | Tensor, *, above: float, maximum: float = math.inf) -> None:
-    """Raises unless a value is a number or a scalar tensor within bounds."""
-    if isinstance(value, Tensor):
-        require_shapes("", **{name: value})
-        require(value.is_floating_point(), name, value.dtype, "a floating type")
-        require_finite(name, value)
-        if torch.compiler.is_compiling():
-            return
-        value = value.item()
-    require_number(name, value, above=above, maximum=maximum)
-
-
-def gaze_of(camera: Camera | StereoCamera, gaze: Gaze | None) -> Gaze:
-    """The gaze, or the centre, with as many views as the camera has."""
-    gaze = Gaze.center(camera).to(camera.views.origin.device) if gaze is None else gaze
-    require_shapes("v 2", {"v": camera.views.view_count}, **{"gaze.pixels": gaze.pixels})
-    return gaze

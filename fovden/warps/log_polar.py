@@ -10,8 +10,8 @@ from torch import Tensor
 
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require_number
-from fovden.foveation.warps.base import gaze_of, require_parameter
-from fovden.foveation.warps.polar import FoveaBorder, PolarWarp
+from fovden.warps._checks import gaze_of, require_parameter
+from fovden.warps.polar import FoveaBorder, PolarWarp
 
 __all__ = ["LogPolarWarp"]
 

@@ -10,7 +10,8 @@ from torch.nn.functional import interpolate
 
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require_shapes
-from fovden.foveation.warps.base import Prefilter, Warp, gaze_of
+from fovden.warps._checks import gaze_of
+from fovden.warps.base import Prefilter, Warp
 
 __all__ = ["ScreenWarp"]
 

@@ -8,9 +8,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d
 
-from fovden.camera import Gaze
+from fovden.camera import Gaze, pixel_centres
 from fovden.checks import require, require_shapes
-from fovden.foveation.display import eccentricity_pixels
 
 __all__ = ["eccentricity_blur"]
 
@@ -62,7 +61,8 @@ def eccentricity_blur(
         require(bool((bounds[1] > bounds[0]).all()), "stop", stop, f"distances above start, {start}")
         require(bool((bounds[2] >= 0).all()), "sigma", sigma, "standard deviations of at least 0")
     first, last, largest = bounds
-    distance = eccentricity_pixels(gaze, (image.shape[2], image.shape[3])).double()
+    offsets = pixel_centres((image.shape[2], image.shape[3])).to(gaze.pixels) - gaze.pixels[:, None]
+    distance = torch.linalg.vector_norm(offsets, dim=-1).reshape(-1, 1, *image.shape[2:]).double()
     # Position among the blurred images, whose variances go as (k / STEPS)^2.
     place = STEPS * ((distance - first) / (last - first)).clamp(0, 1)
     lower = place.detach().floor().clamp(max=STEPS - 1)
