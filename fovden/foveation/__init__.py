@@ -18,7 +18,15 @@ from fovden.foveation.falloffs import (
 from fovden.foveation.mask import mask_numbers
 from fovden.foveation.sample_map import SampleMap, sample_map, uniform_map
 from fovden.foveation.soft_mask import relaxed_mask, thinned
-from fovden.foveation.warps import LogPolarWarp, PolarWarp, ScreenWarp, VisualPolarWarp, Warp, eccentricity_blur
+from fovden.foveation.warps import (
+    LogPolarWarp,
+    PolarWarp,
+    ScreenWarp,
+    Topology,
+    VisualPolarWarp,
+    Warp,
+    eccentricity_blur,
+)
 
 __all__ = [
     "Acuity",
@@ -41,6 +49,7 @@ __all__ = [
     "ScreenWarp",
     "TableAcuity",
     "ThreeLayer",
+    "Topology",
     "VisualPolarWarp",
     "Warp",
     "add_differences",

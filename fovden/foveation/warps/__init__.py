@@ -9,6 +9,7 @@ from fovden.foveation.warps.blur import eccentricity_blur
 from fovden.foveation.warps.log_polar import LogPolarWarp
 from fovden.foveation.warps.polar import PolarWarp
 from fovden.foveation.warps.screen import ScreenWarp
+from fovden.foveation.warps.topology import Topology
 from fovden.foveation.warps.visual_polar import VisualPolarWarp
 
-__all__ = ["LogPolarWarp", "PolarWarp", "ScreenWarp", "VisualPolarWarp", "Warp", "eccentricity_blur"]
+__all__ = ["LogPolarWarp", "PolarWarp", "ScreenWarp", "Topology", "VisualPolarWarp", "Warp", "eccentricity_blur"]

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from fovden.camera import Camera, Gaze, Rays, StereoCamera, pixel_centres
 from fovden.checks import require, require_finite, require_integer, require_number, require_shapes
+from fovden.foveation.warps.topology import Topology
 
 __all__ = ["Warp"]
 
@@ -173,6 +174,11 @@ class Warp(ABC):
             >>> ScreenWarp(Gaze(torch.zeros(1, 2)), (4, 6), (4, 6)).to_screen(torch.ones(1, 3, 4, 6)).shape
             torch.Size([1, 3, 4, 6])
         """
+
+    @property
+    def topology(self) -> Topology | None:
+        """Which cells are neighbours of which; ``None`` where the raster is a grid as the screen's."""
+        return None
 
     @property
     def view_count(self) -> int:
