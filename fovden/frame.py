@@ -129,6 +129,7 @@ class Frame:
         index: Number of the frame in its sequence.
         seed: Seed of the random numbers that made it.
         raster: Name of the grid that the pixels lie on; ``"screen"`` is the camera's own.
+        warp: The :class:`fovden.foveation.Warp` whose cells the pixels are; ``None`` means the screen.
         weight: Weight of each pixel as a tap, in [0, 1], shape (v, 1, h, w); ``None`` means that of ``counts``. The
             light beneath a weight of 0 is hidden from values, not from gradients (:func:`fovden.foveation.thinned`).
 
@@ -152,6 +153,7 @@ class Frame:
     index: int = 0
     seed: int = 0
     raster: str = "screen"
+    warp: Any = None
     weight: Tensor | None = None
 
     def __post_init__(self) -> None:
@@ -249,6 +251,9 @@ class Frame:
         joined["gaze"] = None
         if all(frame.gaze is not None for frame in frames):
             joined["gaze"] = Gaze(torch.cat([frame.gaze.pixels for frame in frames if frame.gaze is not None]))
+        if frames[0].warp is not None:
+            gaze = Gaze(torch.cat([frame.warp.gaze.pixels for frame in frames]))
+            joined["warp"] = replace(frames[0].warp, gaze=gaze)
         return replace(frames[0], gbuffer=GBuffer(**geometry), **joined)
 
     def to(self, *args: Any, **kwargs: Any) -> Frame:
@@ -259,7 +264,8 @@ class Frame:
             >>> frame.radiance.dtype, frame.layer.dtype
             (torch.float64, torch.int32)
         """
-        return _map_tensors(self, lambda tensor: _move(tensor, *args, **kwargs))
+        moved = _map_tensors(self, lambda tensor: _move(tensor, *args, **kwargs))
+        return moved if self.warp is None else replace(moved, warp=self.warp.to(*args, **kwargs))
 
     @never_raising
     def _repr_html_(self) -> str:

@@ -156,7 +156,8 @@ def blend_taps(
                 for mine, theirs, factor in zip(here, tap.guides, strip_inverse, strict=True)
             )
             exponent = radiance_term + normal_term + position_term
-            weight = exponent.neg().clamp(min=SMALLEST_EXPONENT).exp() * (tap.presence * kernel_rows[tap.row][tap.column])
+            own_weight = tap.presence * kernel_rows[tap.row][tap.column]
+            weight = exponent.neg().clamp(min=SMALLEST_EXPONENT).exp() * own_weight
             share = weight * tap.values
             total = total + weight
             weighted = weighted + share

@@ -349,7 +349,9 @@ class PolarWarp(Warp):
         sizes = {"v": self.view_count, "height": self.screen[0], "width": self.screen[1]}
         require_shapes("v c height width", sizes, image=image)
         largest = strength * math.pi * self.reach / self.resolution[0]
-        return eccentricity_blur(image, self.gaze, start=self.blur_start, stop=self.reach, sigma=largest)
+        start = self.blur_start
+        stop = torch.where(self.reach > start, self.reach, start + 1)  # a screen of a pixel or two ends before
+        return eccentricity_blur(image, self.gaze, start=start, stop=stop, sigma=largest)
 
     def _place(self, cells: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Distance, angle, and the column's height, of cell coordinates."""
