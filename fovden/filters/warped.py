@@ -39,12 +39,12 @@ class WarpedDenoiser(Denoiser):
 
     See :meth:`fovden.foveation.PolarWarp.to_screen` and :meth:`fovden.foveation.PolarWarp.blur`. Neither blur nor
     contrast changes anything near the gaze, where G is the identity. On :class:`fovden.foveation.ScreenWarp` cells are
-    pixels, and the image is that of the denoiser inside. Every cell counts alike on the way to the screen: cells without
-    samples were filled by the denoiser, unless it was told to leave them black.
+    pixels, and the image is that of the denoiser inside. Every cell counts alike on the way to the screen: those
+    without samples were filled by the denoiser, unless it was told to leave them black.
 
-    What ``learn`` names becomes a parameter, stored as a logarithm: ``"blur"``, ``"contrast"``, and numbers of the warp,
-    ``"alpha"`` of the log-polar and ``"e_max"`` of the visual-polar one. The derivative in the latter is that of where
-    the light of cells is shown, with their light held. To follow the raster itself, trace each frame in
+    What ``learn`` names becomes a parameter, stored as a logarithm: ``"blur"``, ``"contrast"``, and numbers of the
+    warp, ``"alpha"`` of the log-polar and ``"e_max"`` of the visual-polar one. The derivative in the latter is that of
+    where the light of cells is shown, with their light held. To follow the raster itself, trace each frame in
     :meth:`warp_at` of its gaze. Where columns are cut, ``e_max`` also sets their heights, and frames that were traced
     with other heights are refused.
 
@@ -65,8 +65,8 @@ class WarpedDenoiser(Denoiser):
 
     Source: the order of filter, mapping and blur is that of Koskela et al. 2019. The contrast follows Patney et al.,
     "Towards foveated rendering for gaze-tracked virtual reality", 2016, who enlarge the difference of a pixel to the
-    mean of a window by the deviation there, after Grundland et al. 2006. Their factor by eccentricity could not be read:
-    here the window grows with eccentricity and the factor is one number.
+    mean of a window, by the variance there. Their factor could not be read: here the window grows with eccentricity,
+    and the factor is one number.
 
     Example:
         >>> from fovden.filters import Atrous
@@ -90,30 +90,33 @@ class WarpedDenoiser(Denoiser):
         learn: Sequence[str] = (),
     ) -> None:
         super().__init__()
-        for name, value, kind in (("inner", inner, Denoiser), ("warp", warp, Warp)):
-            if not isinstance(value, kind):
-                raise TypeError(f"{name}: expected a {kind.__name__}, got {type(value).__name__}")
+        if not isinstance(inner, Denoiser):
+            raise TypeError(f"inner: expected a Denoiser, got {type(inner).__name__}")
+        if not isinstance(warp, Warp):
+            raise TypeError(f"warp: expected a Warp, got {type(warp).__name__}")
         choices = get_args(Prefilter)
         require(prefilter in choices, "prefilter", repr(prefilter), f"one of {choices}")
         self.inner = inner
         self.prefilter: Prefilter = prefilter
         self.learn = tuple(learn)
-        numbers = {"blur": require_number("blur", blur, minimum=0)}
-        numbers["contrast"] = require_number("contrast", contrast, minimum=0)
-        numbers |= {field.name: float(getattr(warp, field.name)) for field in fields(warp) if _is_number(field.default)}
+        strengths = {
+            "blur": require_number("blur", blur, minimum=0),
+            "contrast": require_number("contrast", contrast, minimum=0),
+        }
+        own = {field.name: float(getattr(warp, field.name)) for field in fields(warp) if _is_number(field.default)}
         for name in self.learn:
-            require(name in numbers, "learn", repr(name), f"some of {tuple(numbers)}")
-            value = math.log(require_number(name, numbers[name], above=0))
+            require(name in strengths | own, "learn", repr(name), f"some of {tuple(strengths | own)}")
+            value = math.log(require_number(name, (strengths | own)[name], above=0))
             self.register_parameter(f"log_{name}", nn.Parameter(torch.tensor(value)))
-        for name, number in numbers.items():
-            given = getattr(warp, name, None)
+        for name in own:
+            given = getattr(warp, name)
             held = name in self.learn or not (isinstance(given, Tensor) and given.requires_grad)
             require(held, f"warp.{name}", given, f"a number, or {name!r} in learn")
-            if isinstance(given, Tensor):
-                warp = replace(warp, **{name: number})
+        numbers: dict[str, Any] = own
+        self._warp = replace(warp, **numbers)
+        self._of_warp = tuple(name for name in self.learn if name in own)
         self.raster = _describe(warp, self.learn)
-        self.strengths = {name: numbers[name] for name in ("blur", "contrast") if name not in self.learn}
-        self._warp = warp
+        self.strengths = {name: strength for name, strength in strengths.items() if name not in self.learn}
 
     @property
     def blur(self) -> float | Tensor:
@@ -195,7 +198,7 @@ class WarpedDenoiser(Denoiser):
 
     def _learned(self, warp: Warp) -> Warp:
         """The warp with the numbers that have been learned."""
-        learned = {name: self._number(name) for name in self.learn if hasattr(warp, name) and name != "blur"}
+        learned: dict[str, Any] = {name: self._number(name) for name in self._of_warp}
         return replace(warp, **learned) if learned else warp
 
     def _warp_of(self, frame: Frame) -> Warp:
@@ -206,7 +209,9 @@ class WarpedDenoiser(Denoiser):
         assert isinstance(found, Warp)
         warp = self._learned(found)
         same = torch.equal(warp.heights, found.heights)
-        require(same, "frame.warp", "columns of other heights", "a raster traced with the numbers that have been learned")
+        require(
+            same, "frame.warp", "columns of other heights", "a raster traced with the numbers that have been learned"
+        )
         return warp
 
 
