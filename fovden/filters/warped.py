@@ -194,7 +194,7 @@ class WarpedDenoiser(Denoiser):
         return f"{self.raster}, {strengths}, prefilter={self.prefilter!r}, learn={self.learn}"
 
     def _number(self, name: str) -> float | Tensor:
-        return self.get_parameter(f"log_{name}").exp() if name in self.learn else self.strengths[name]
+        return getattr(self, f"log_{name}").exp() if name in self.learn else self.strengths[name]
 
     def _learned(self, warp: Warp) -> Warp:
         """The warp with the numbers that have been learned."""

@@ -15,6 +15,7 @@ from fovden.filters.nearest import nearest_sampled
 from fovden.filters.passes import PassOptions, advance, begin
 from fovden.filters.predicted import local_features
 from fovden.filters.taps import Sigmas, _strips
+from fovden.foveation import Topology
 from fovden.frame import Frame
 
 SIGMAS = {"sigma_radiance": (0.9, 1.1, 1.4), "sigma_normal": (0.4, 0.3, 0.2), "sigma_position": (0.5, 0.4, 0.3)}
@@ -267,6 +268,33 @@ def test_strips_of_columns_give_the_same(monkeypatch):
         monkeypatch.setattr("fovden.filters.taps.STRIP_PIXELS", pixels)
         assert len(_strips(11, 18)) > 3
         assert torch.equal(denoiser(frame).image, want)
+
+
+def test_the_number_of_threads_does_not_matter():
+    """Neither in the image nor in derivatives, over cells enough for several threads to share."""
+    warp = make_warp("smooth rotate", size=(120, 150))
+    frame = polar_frame(warp, dtype=torch.float32)
+    results = []
+    for threads in (1, 2):
+        before = torch.get_num_threads()
+        torch.set_num_threads(threads)
+        direct = frame.direct.clone().requires_grad_()
+        image = Atrous((4, 1))(replace(frame, direct=direct)).image
+        image.square().sum().backward()
+        torch.set_num_threads(before)
+        results.append((image, direct.grad))
+    assert all(torch.equal(one, two) for one, two in zip(*results, strict=True))
+
+
+def test_the_last_round_is_run_again_where_steps_miss_cells():
+    """Heights that go up and down: from one sample, each step's taps leave out cells that only a second round meets."""
+    topology = Topology(torch.tensor([1, 4, 1, 1, 1, 2, 4, 3]), 4)
+    mask = torch.zeros(1, 1, 4, 8, dtype=torch.float64)
+    mask[..., 1, 1] = 1
+    flat = torch.zeros(1, 3, 4, 8, dtype=torch.float64)
+    holes = topology.exists & (mask == 0)
+    filled = fill_holes(mask * 2, holes, mask, flat, flat, sigma_normal=1.0, sigma_position=1.0, topology=topology)
+    torch.testing.assert_close(filled, 2.0 * topology.exists, rtol=1e-15, atol=0)
 
 
 def test_eyes_are_not_joined():
