@@ -61,5 +61,5 @@ def constant(frame, value=0.3):
     half = torch.full_like(g.albedo, 0.5)
     surface = {"albedo": half, "normal": half, "position": half, "depth": half[:, :1], "prim": torch.zeros_like(g.prim)}
     nothing = torch.zeros_like(half)
-    light = {"direct": value * sampled * torch.ones_like(half), "indirect": nothing, "emission": nothing}
+    light = {"direct": value * torch.ones_like(half) * sampled, "indirect": nothing, "emission": nothing}
     return replace(frame, **light, gbuffer=replace(g, **surface))

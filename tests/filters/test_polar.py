@@ -148,7 +148,7 @@ def test_constant_light_is_a_fixed_point(build, raster, gaze):
     frame = constant(polar_frame(warp, dirty=False))
     spoil = torch.where(warp.exists, frame.direct, torch.nan)
     image = build()(replace(frame, direct=spoil)).image
-    want = torch.where(warp.exists, 0.3, 0.0).expand_as(image).double()
+    want = 0.3 * warp.exists.double().expand_as(image)
     torch.testing.assert_close(image, want, rtol=1e-12, atol=1e-12)
 
 

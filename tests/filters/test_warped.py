@@ -60,7 +60,7 @@ def test_eyes_are_independent():
     warp = make_warp("smooth", "per eye")
     frame, denoiser = polar_frame(warp), build(warp, contrast=0.2)
     image = denoiser(frame).image
-    gaze = Gaze(torch.tensor([[9.1, 5.2], [-30.0, 2.0]]).double())
+    gaze = Gaze(torch.tensor([[9.1, 5.2], [-30.0, 2.0]], dtype=torch.float64))
     moved = replace(frame, warp=replace(warp, gaze=gaze), gaze=gaze)
     # Only the size of the blur's kernels is shared, whose ends weigh 1 % of a sample's distance in deviations at most.
     torch.testing.assert_close(denoiser(moved).image[0], image[0], rtol=0.02, atol=0.02)
@@ -96,7 +96,7 @@ def test_contrast_grows_where_the_eye_is_not():
     cells = warp.from_screen(stripes)
 
     class Stripes(Denoiser):
-        def forward(self, frame, history=None):
+        def forward(self, frame, history=None):  # noqa: ARG002
             return Denoised(cells)
 
     plain = WarpedDenoiser(Stripes(), warp, blur=0)(frame).image
@@ -176,7 +176,7 @@ def test_a_fit_finds_the_blur_that_made_its_references():
     denoiser = WarpedDenoiser(Atrous((2, 1)).requires_grad_(False), warp, blur=1.0, learn=["blur"])
     found = fit(denoiser, [(frame, reference)], ImageError({"log_l1": 1.0}), steps=25, progress=None)
     assert found.history[-1].loss < 0.2 * found.history[1].loss
-    assert float(denoiser.blur) == pytest.approx(2.0, rel=0.1)
+    assert denoiser.blur.item() == pytest.approx(2.0, rel=0.1)
 
 
 def test_bad_input():
@@ -191,7 +191,7 @@ def test_bad_input():
         WarpedDenoiser(Atrous(), warp, learn=["contrast"])
     with pytest.raises(ValueError, match=r"learn: expected some of \('blur', 'contrast', 'alpha'\), got 'e_max'"):
         WarpedDenoiser(Atrous(), warp, learn=["e_max"])
-    with pytest.raises(ValueError, match="prefilter: expected one of .*, got 'mipmap'"):
+    with pytest.raises(ValueError, match=r"prefilter: expected one of .*, got 'mipmap'"):
         WarpedDenoiser(Atrous(), warp, prefilter="mipmap")
     with pytest.raises(ValueError, match=r"warp\.alpha: expected a number, or 'alpha' in learn"):
         WarpedDenoiser(Atrous(), replace(warp, alpha=torch.tensor(2.0, requires_grad=True)))

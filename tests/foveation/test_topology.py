@@ -104,7 +104,7 @@ def test_the_derivative_of_a_shift_is_exact():
 def test_bad_input():
     with pytest.raises(ShapeError, match=r"heights: expected shape \(w\), got \(2, 2\)"):
         Topology(torch.ones(2, 2), 2)
-    with pytest.raises(ValueError, match="heights: expected an integer type, got torch.float32"):
+    with pytest.raises(ValueError, match=r"heights: expected an integer type, got torch\.float32"):
         Topology(torch.ones(2), 2)
     with pytest.raises(ValueError, match="heights: expected heights from 1 to 4, got 0 to 5"):
         Topology(torch.tensor([0, 5]), 4)
