@@ -103,15 +103,16 @@ class WarpedDenoiser(Denoiser):
             "blur": require_number("blur", blur, minimum=0),
             "contrast": require_number("contrast", contrast, minimum=0),
         }
-        own = {field.name: float(getattr(warp, field.name)) for field in fields(warp) if _is_number(field.default)}
+        own = {}
+        for name in (field.name for field in fields(warp) if _is_number(field.default)):
+            given = getattr(warp, name)
+            held = name in self.learn or not (isinstance(given, Tensor) and given.requires_grad)
+            require(held, f"warp.{name}", given, f"a number, or {name!r} in learn")
+            own[name] = _plain(given)
         for name in self.learn:
             require(name in strengths | own, "learn", repr(name), f"some of {tuple(strengths | own)}")
             value = math.log(require_number(name, (strengths | own)[name], above=0))
             self.register_parameter(f"log_{name}", nn.Parameter(torch.tensor(value)))
-        for name in own:
-            given = getattr(warp, name)
-            held = name in self.learn or not (isinstance(given, Tensor) and given.requires_grad)
-            require(held, f"warp.{name}", given, f"a number, or {name!r} in learn")
         numbers: dict[str, Any] = own
         self._warp = replace(warp, **numbers)
         self._of_warp = tuple(name for name in self.learn if name in own)
@@ -190,7 +191,7 @@ class WarpedDenoiser(Denoiser):
             >>> WarpedDenoiser(Atrous(), warp).extra_repr()[:53]
             'LogPolarWarp(screen=(4, 6), resolution=(8, 8), fovea_'
         """
-        strengths = ", ".join(f"{name}={float(self._number(name)):.4g}" for name in ("blur", "contrast"))
+        strengths = ", ".join(f"{name}={_plain(self._number(name)):.4g}" for name in ("blur", "contrast"))
         return f"{self.raster}, {strengths}, prefilter={self.prefilter!r}, learn={self.learn}"
 
     def _number(self, name: str) -> float | Tensor:
@@ -219,11 +220,17 @@ def _is_number(default: object) -> bool:
     return isinstance(default, float)
 
 
+def _plain(value: float | Tensor) -> float:
+    return float(value.detach() if isinstance(value, Tensor) else value)
+
+
 def _describe(warp: Warp, learned: Sequence[str]) -> str:
     """What a warp is apart from its gaze and from what is learned."""
     parts = []
     for field in fields(warp):
         value = getattr(warp, field.name)
         if field.name not in ("gaze", *learned):
-            parts.append(f"{field.name}={float(value):.6g}" if _is_number(field.default) else f"{field.name}={value!r}")
+            parts.append(
+                f"{field.name}={_plain(value):.6g}" if _is_number(field.default) else f"{field.name}={value!r}"
+            )
     return f"{type(warp).__name__}({', '.join(parts)})"
