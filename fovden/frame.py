@@ -236,7 +236,7 @@ class Frame:
         for number, frame in enumerate(frames):
             same = frame.resolution == frames[0].resolution
             require(same, f"frames[{number}].resolution", frame.resolution, f"{frames[0].resolution}, as the first has")
-        joined: dict[str, Any] = {}
+        joined: dict[str, Any] = {"camera": None, "gaze": None}
         for name in ("direct", "indirect", "emission", "counts", "luminance_squared", "layer"):
             joined[name] = torch.cat([getattr(frame, name) for frame in frames])
         weighted = any(frame.weight is not None for frame in frames)
@@ -244,16 +244,14 @@ class Frame:
         gbuffers = [frame.gbuffer for frame in frames]
         geometry = {f.name: torch.cat([getattr(g, f.name) for g in gbuffers]) for f in fields(GBuffer)}
         cameras = [frame.camera for frame in frames]
-        joined["camera"] = None
         if all(camera is not None for camera in cameras):
             parts = {n: torch.cat([getattr(c, n) for c in cameras]) for n in ("origin", "rotation", "bounds")}
             joined["camera"] = Camera(**parts, resolution=frames[0].resolution)
-        joined["gaze"] = None
         if all(frame.gaze is not None for frame in frames):
             joined["gaze"] = Gaze(torch.cat([frame.gaze.pixels for frame in frames if frame.gaze is not None]))
         if frames[0].warp is not None:
-            gaze = Gaze(torch.cat([frame.warp.gaze.pixels for frame in frames]))
-            joined["warp"] = replace(frames[0].warp, gaze=gaze)
+            gazes = [frame.warp.gaze.pixels for frame in frames]
+            joined["warp"] = replace(frames[0].warp, gaze=Gaze(torch.cat(gazes)))
         return replace(frames[0], gbuffer=GBuffer(**geometry), **joined)
 
     def to(self, *args: Any, **kwargs: Any) -> Frame:

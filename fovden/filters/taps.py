@@ -282,7 +282,7 @@ class _PolarWindow:
     def taps(self, start: int, stop: int) -> Iterator[_Tap]:
         begin, end, step = self._left + start, self._left + stop, self._step
         for j in range(5):
-            # Five maps a strip; to keep them would take a hundred megabytes, and save 2 % of the time.
+            # To keep such maps for five steps would take 160 MB at 900 x 800 cells, and save 3 % of the time.
             index = self._topology.reads((j - 2) * step, begin, end, margin=2 * step)
             guides = _Guides(*(take(guide, index) for guide in self._guides))
             values = guides.radiance if self._values is None else take(self._values, index)

@@ -89,8 +89,10 @@ def pass_twin(
     return image, total
 
 
-def nearest_twin(guide, b):
+def nearest_twin(guide, b, cells=None):
     """Every pixel's guide read at the nearest pixel with a mask; ties as documented: column, left, upper."""
+    if cells is not None:
+        return nearest_cell_twin(guide, b, cells)
     out = guide.copy()
     for v, py, px in np.ndindex(guide.shape[0], *guide.shape[2:]):
         where = [(y, x) for y, x in np.ndindex(*guide.shape[2:]) if b[v, 0, y, x] > 0]
@@ -127,6 +129,8 @@ def fill_twin(c, holes, b, n, x, sigma_n, sigma_x, label=None, cells=None):
         while step < size and not (stage == "label" and label is None):
             now_c, now_b = c.copy(), b.copy()
             for v, _, py, px in np.argwhere(holes):
+                if not cells.is_cell(py, px):
+                    continue
                 total, summed = 0.0, 0.0
                 for i, j in np.ndindex(5, 5):
                     tap = cells.tap(py, px, (i - 2) * step, (j - 2) * step)
@@ -207,8 +211,7 @@ def nonhomogeneous_twin(
         if unsampled_guide != "drop":
             known = None
         if unsampled_guide == "nearest":
-            near = nearest_twin(rt, image["b"]) if cells is None else nearest_cell_twin(rt, image["b"], cells)
-            centre = np.where(image["known"], rt, near)
+            centre = np.where(image["known"], rt, nearest_twin(rt, image["b"], cells))
         taps = image["b"]
         if mask_at == "center":
             region, taps = region & (image["b"] > 0), np.ones_like(b)
@@ -245,7 +248,4 @@ def nonhomogeneous_twin(
         return state["c"]
     last = [widths(index, -1, 1) for index in range(len(levels))]  # of step 1, as the first taps of the filling
     sigma_n, sigma_x = (sum((layer == index) * own[k] for index, own in enumerate(last)) for k in (1, 2))
-    holes = ~state["known"]
-    if cells is not None:
-        holes &= np.array([[cells.is_cell(y, x) for x in range(c.shape[3])] for y in range(c.shape[2])])
-    return fill_twin(state["c"], holes, state["b"], n, x, sigma_n, sigma_x, cells=cells)
+    return fill_twin(state["c"], ~state["known"], state["b"], n, x, sigma_n, sigma_x, cells=cells)
