@@ -250,8 +250,7 @@ class Frame:
         if all(frame.gaze is not None for frame in frames):
             joined["gaze"] = Gaze(torch.cat([frame.gaze.pixels for frame in frames if frame.gaze is not None]))
         if frames[0].warp is not None:
-            gazes = [frame.warp.gaze.pixels for frame in frames]
-            joined["warp"] = replace(frames[0].warp, gaze=Gaze(torch.cat(gazes)))
+            joined["warp"] = replace(frames[0].warp, gaze=Gaze(torch.cat([f.warp.gaze.pixels for f in frames])))
         return replace(frames[0], gbuffer=GBuffer(**geometry), **joined)
 
     def to(self, *args: Any, **kwargs: Any) -> Frame:
