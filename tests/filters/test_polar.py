@@ -291,9 +291,11 @@ def test_the_last_round_is_run_again_where_steps_miss_cells():
     topology = Topology(torch.tensor([1, 4, 1, 1, 1, 2, 4, 3]), 4)
     mask = torch.zeros(1, 1, 4, 8, dtype=torch.float64)
     mask[..., 1, 1] = 1
-    flat = torch.zeros(1, 3, 4, 8, dtype=torch.float64)
+    unlike = torch.arange(96.0, dtype=torch.float64).reshape(1, 3, 4, 8)  # so that geometry finds nothing before
     holes = topology.exists & (mask == 0)
-    filled = fill_holes(mask * 2, holes, mask, flat, flat, sigma_normal=1.0, sigma_position=1.0, topology=topology)
+    filled = fill_holes(
+        mask * 2, holes, mask, unlike, unlike, sigma_normal=0.01, sigma_position=0.01, topology=topology
+    )
     torch.testing.assert_close(filled, 2 * topology.exists.double(), rtol=1e-15, atol=0)
 
 

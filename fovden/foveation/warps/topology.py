@@ -290,5 +290,5 @@ def _row(y: Tensor, before: Tensor | int, after: Tensor | int, turned: Tensor | 
 def take(image: Tensor, index: Tensor) -> Tensor:
     """The values of an image of shape (v, c, h, w) at row-major places, with the shape (v, c, *index.shape)."""
     flat = image.flatten(2)
-    # Unlike indexing, whose derivative adds in the order in which threads come, this one has the same bits for any.
+    # The derivative of a gather adds row by row in the order of the places, for any number of threads.
     return flat.gather(2, index.flatten().expand(*flat.shape[:2], -1)).view(*flat.shape[:2], *index.shape)
