@@ -65,7 +65,7 @@ class Member:
         if self.raster is None:
             return frame
         gaze = Gaze(torch.tensor([[6.3, 4.9], [5.2, 4.1]], dtype=frame.direct.dtype)[:views])
-        return replace(frame, raster=self.raster, gaze=gaze, warp=RASTERS[self.raster](gaze, (height, width)))
+        return replace(frame, gaze=gaze, warp=RASTERS[self.raster](gaze, (height, width)))
 
     def screen(self, frame):
         """Returns the shape of the image of a frame."""

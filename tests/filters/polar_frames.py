@@ -40,7 +40,7 @@ def polar_frame(warp, *, dirty=True, **options):
 
 
 def in_raster(frame: Frame, warp) -> Frame:
-    return replace(frame, raster=warp.name, warp=warp, gaze=warp.gaze)
+    return replace(frame, warp=warp, gaze=warp.gaze)
 
 
 def spoiled(frame):

@@ -306,6 +306,5 @@ def test_eyes_are_not_joined():
 
 
 def test_a_frame_of_another_size_is_refused():
-    frame = replace(polar_frame(make_warp("log-polar")), warp=make_warp("log-polar", size=(8, 11)))
-    with pytest.raises(ValueError, match=r"frame\.direct: expected shape .*h=8, w=11"):
-        Atrous()(frame)
+    with pytest.raises(ValueError, match=r"expected .*8.* 11"):
+        Atrous()(replace(polar_frame(make_warp("log-polar")), warp=make_warp("log-polar", size=(8, 11))))
