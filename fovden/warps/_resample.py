@@ -62,7 +62,7 @@ def resampling(warp: PolarWarp, prefilter: Prefilter) -> Resampling:
     """The map of a warp with one view."""
     found = footprints(warp, prefilter)
     column = (found.column - 0.5).detach().floor().long()
-    sides = [warp._column(column), warp._column(column + 1)]
+    sides = [warp.topology.column(column), warp.topology.column(column + 1)]
     tallest = torch.maximum(*(warp.heights[inside] for inside, _ in sides))
     # A footprint within one column's width and one cell's height is the box of one cell: bilinear interpolation.
     narrow = (found.first >= found.column - 0.5) & (found.last <= found.column + 0.5) & (found.arc * tallest <= 1)
@@ -109,7 +109,7 @@ def find_arcs(warp: PolarWarp, found: Footprints) -> Arcs:
     column = start[pixel] + place
     first, last = found.first[pixel], found.last[pixel]
     weight = (torch.minimum(last, column + 1.0) - torch.maximum(first, column.double())) / (last - first)
-    inside, turned = warp._column(column)
+    inside, turned = warp.topology.column(column)
     height = warp.heights[inside]
     middle = (found.angle[pixel] + 0.5 * turned) * height
     half = (found.arc[pixel] * height).clamp(min=1) / 2

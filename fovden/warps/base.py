@@ -15,6 +15,7 @@ from torch.nn.functional import grid_sample
 from fovden.camera import Camera, Gaze, Rays, StereoCamera, pixel_centres
 from fovden.checks import require, require_integer, require_number, require_shapes
 from fovden.warps._checks import require_camera
+from fovden.warps.topology import Topology
 
 __all__ = ["Warp"]
 
@@ -175,6 +176,11 @@ class Warp(ABC):
             >>> ScreenWarp(Gaze(torch.zeros(1, 2)), (4, 6), (4, 6)).to_screen(torch.ones(1, 3, 4, 6)).shape
             torch.Size([1, 3, 4, 6])
         """
+
+    @property
+    def topology(self) -> Topology | None:
+        """Which cells are neighbours of which; ``None`` where the raster is a grid as the screen's."""
+        return None
 
     @property
     def view_count(self) -> int:

@@ -16,6 +16,7 @@ from fovden.checks import require, require_number, require_shapes
 from fovden.warps._resample import Resampling, resample, resampling
 from fovden.warps.base import Prefilter, Warp
 from fovden.warps.blur import eccentricity_blur
+from fovden.warps.topology import Topology
 
 __all__ = ["PolarWarp"]
 
@@ -133,6 +134,11 @@ class PolarWarp(Warp):
     def heights(self) -> Tensor:
         """Number of rows of each column, int64, shape (w,): all of them, unless a subclass cuts."""
         return torch.full((self.resolution[1],), self.resolution[0], device=self.gaze.pixels.device)
+
+    @cached_property
+    def topology(self) -> Topology:
+        """Which cells are neighbours of which."""
+        return Topology(self.heights, self.resolution[0], rotate=self.fovea_border == "rotate")
 
     @property
     def reach(self) -> Tensor:
@@ -283,14 +289,7 @@ class PolarWarp(Warp):
             tensor([[0, 6],
                     [0, 4]])
         """
-        integers = not cells.is_floating_point() and cells.dtype != torch.bool
-        require(integers and cells.shape[-1:] == (2,), "cells", (cells.dtype, tuple(cells.shape)), "integers (..., 2)")
-        x, y = cells.long().unbind(-1)
-        before = self.heights[x]
-        column, turned = self._column(x + dx)
-        after = self.heights[column]
-        row = torch.div((2 * (y + dy) + 1) * after + turned * before * after, 2 * before, rounding_mode="floor") % after
-        return torch.stack([column, row], dim=-1)
+        return self.topology.neighbour(cells, dx, dy)
 
     def to_screen(self, image: Tensor, mask: Tensor | None = None, *, prefilter: Prefilter = "area") -> Tensor:
         """Returns an image in cells as one in pixels; see the class for the interpolation.
@@ -365,7 +364,9 @@ class PolarWarp(Warp):
         sizes = {"v": self.view_count, "height": self.screen[0], "width": self.screen[1]}
         require_shapes("v c height width", sizes, image=image)
         largest = strength * math.pi * self.reach / self.resolution[0]
-        return eccentricity_blur(image, self.gaze, start=self.blur_start, stop=self.reach, sigma=largest)
+        start = self.blur_start
+        stop = torch.where(self.reach > start, self.reach, start + 1)  # a screen of a pixel or two ends before
+        return eccentricity_blur(image, self.gaze, start=start, stop=stop, sigma=largest)
 
     def _place(self, cells: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Distance, angle, and the column's height, of cell coordinates."""
@@ -376,12 +377,6 @@ class PolarWarp(Warp):
 
     def _height_at(self, x: Tensor) -> Tensor:
         return self.heights[x.detach().floor().long().clamp(0, self.resolution[1] - 1)]
-
-    def _column(self, column: Tensor) -> tuple[Tensor, Tensor]:
-        """The column that stands for one beyond a border, and half turns to go there."""
-        turned = (column < 0).long() if self.fovea_border == "rotate" else torch.zeros_like(column)
-        inside = torch.where(turned > 0, -1 - column, column)
-        return inside.clamp(0, self.resolution[1] - 1), turned
 
     def _resamplings(self, prefilter: Prefilter) -> list[Resampling]:
         tensors = (each for each in (self.gaze.pixels, *vars(self).values()) if isinstance(each, Tensor))
