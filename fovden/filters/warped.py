@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from fovden.checks import require, require_number
 from fovden.filters.base import Denoised, Denoiser
-from fovden.foveation import Gaze, PolarWarp, Warp
+from fovden.foveation import Gaze, PolarWarp, ScreenWarp, Warp
 from fovden.frame import Frame
 from fovden.warps.base import Prefilter
 
@@ -33,14 +33,15 @@ class WarpedDenoiser(Denoiser):
     """A denoiser that works in the cells of a raster, and shows its image on the screen.
 
     The frame comes in cells, as ``frame.warp`` lays them around its own gaze, one for each eye; one module serves any
-    gaze. With D the denoiser inside, S the way to the screen and G the blur that grows from the gaze outwards,
+    gaze and any size. With D the denoiser inside, S the way to the screen and G the blur that grows from the gaze
+    outwards,
 
         image = G(S(D(frame)), blur),   and with contrast   image <- max(0, image + contrast (image - G(image, 2)))
 
     See :meth:`fovden.foveation.PolarWarp.to_screen` and :meth:`fovden.foveation.PolarWarp.blur`. Neither blur nor
-    contrast changes anything near the gaze, where G is the identity. On :class:`fovden.foveation.ScreenWarp` cells are
-    pixels, and the image is that of the denoiser inside. Every cell counts alike on the way to the screen: those
-    without samples were filled by the denoiser, unless it was told to leave them black.
+    contrast changes anything near the gaze, where G is the identity. On :class:`fovden.foveation.ScreenWarp` there is
+    neither, and where its cells are pixels the image is that of the denoiser inside. Every cell counts alike on the way
+    to the screen: those without samples were filled by the denoiser, unless it was told to leave them black.
 
     What ``learn`` names becomes a parameter, stored as a logarithm: ``"blur"``, ``"contrast"``, and numbers of the
     warp, ``"alpha"`` of the log-polar and ``"e_max"`` of the visual-polar one. The derivative in the latter is that of
@@ -50,7 +51,7 @@ class WarpedDenoiser(Denoiser):
 
     Args:
         inner: Any denoiser that can filter in the raster, as all of this package can; it becomes a part of this module.
-        warp: The raster that frames must be in; its gaze does not matter.
+        warp: The raster that frames must be in; its gaze and sizes do not matter.
         blur: Strength of the blur, at least 0; 1 is the warp's own, 0 none.
         contrast: How much of the difference to the local mean is added, at least 0; 0 is none.
         prefilter: What is averaged where several cells fall on a pixel.
@@ -172,9 +173,10 @@ class WarpedDenoiser(Denoiser):
         """
         warp = self._warp_of(frame)
         image, history = self.inner(frame, history)
+        if warp is not None:
+            image = warp.to_screen(image, prefilter=self.prefilter)
         if not isinstance(warp, PolarWarp):
             return Denoised(image, history)
-        image = warp.to_screen(image, prefilter=self.prefilter)
         if isinstance(self.blur, Tensor) or self.blur > 0:
             image = warp.blur(image, self.blur)
         if isinstance(self.contrast, Tensor) or self.contrast > 0:
@@ -189,7 +191,7 @@ class WarpedDenoiser(Denoiser):
             >>> from fovden.foveation import LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (4, 6), (8, 8))
             >>> WarpedDenoiser(Atrous(), warp).extra_repr()[:53]
-            'LogPolarWarp(screen=(4, 6), resolution=(8, 8), fovea_'
+            "LogPolarWarp(fovea_border='clamp', alpha=4), blur=1, "
         """
         strengths = ", ".join(f"{name}={_plain(self._number(name)):.4g}" for name in ("blur", "contrast"))
         return f"{self.raster}, {strengths}, prefilter={self.prefilter!r}, learn={self.learn}"
@@ -202,9 +204,11 @@ class WarpedDenoiser(Denoiser):
         learned: dict[str, Any] = {name: self._number(name) for name in self._of_warp}
         return replace(warp, **learned) if learned else warp
 
-    def _warp_of(self, frame: Frame) -> Warp:
-        """The frame's warp, if it is this module's, with the numbers that have been learned."""
-        found = self._warp if frame.warp is None and self._warp.topology is None else frame.warp
+    def _warp_of(self, frame: Frame) -> Warp | None:
+        """The frame's warp, if it is this module's, with the numbers that have been learned; ``None``: the screen."""
+        found = frame.warp
+        if found is None and isinstance(self._warp, ScreenWarp):
+            return None
         raster = "the screen" if found is None else _describe(found, self.learn)
         require(raster == self.raster, "frame.warp", raster, self.raster)
         assert isinstance(found, Warp)
@@ -225,11 +229,11 @@ def _plain(value: float | Tensor) -> float:
 
 
 def _describe(warp: Warp, learned: Sequence[str]) -> str:
-    """What a warp is apart from its gaze and from what is learned."""
+    """What a warp is apart from its gaze, its sizes and what is learned."""
     parts = []
     for field in fields(warp):
         value = getattr(warp, field.name)
-        if field.name not in ("gaze", *learned):
+        if field.name not in ("gaze", "screen", "resolution", *learned):
             parts.append(
                 f"{field.name}={_plain(value):.6g}" if _is_number(field.default) else f"{field.name}={value!r}"
             )

@@ -215,5 +215,19 @@ def test_frames_of_another_raster_are_refused():
 
 def test_it_says_what_it_is():
     shown = repr(WarpedDenoiser(Atrous(), LogPolarWarp(Gaze(torch.zeros(1, 2)), (4, 6), (8, 8)), learn=["blur"]))
-    assert "LogPolarWarp(screen=(4, 6), resolution=(8, 8), fovea_border='clamp', alpha=4), blur=1, contrast=0" in shown
+    assert "LogPolarWarp(fovea_border='clamp', alpha=4), blur=1, contrast=0" in shown
     assert "ScreenWarp" in repr(WarpedDenoiser(Atrous(), ScreenWarp(Gaze(torch.zeros(1, 2)), (4, 6), (4, 6))))
+
+
+def test_one_module_serves_rasters_of_any_size():
+    small, large = (LogPolarWarp(Gaze(torch.tensor([[3.0, 2.0]] * 2)), (12, 14), size) for size in ((8, 8), (11, 13)))
+    frame = polar_frame(large)
+    image = WarpedDenoiser(Atrous((1,)), small)(frame).image
+    assert torch.equal(image, WarpedDenoiser(Atrous((1,)), large)(frame).image)
+
+
+def test_a_smaller_image_is_filtered_and_enlarged():
+    warp = ScreenWarp(Gaze(torch.zeros(2, 2)), (12, 14), (6, 7))
+    frame = polar_frame(warp)
+    expected = torch.nn.functional.interpolate(Atrous((1,))(frame).image, (12, 14), mode="bilinear")
+    assert torch.equal(WarpedDenoiser(Atrous((1,)), warp)(frame).image, expected)
