@@ -99,3 +99,22 @@ def to_cells(views: list[Geometry], screen: Tensor, rows: int) -> Tensor:
         run(scatter_rings, len(rings.columns), (eye, rings, pixels, sums), tile=1)
         run(add_rings, -(-len(eye.heights) // BLOCK), (eye, rings, sums, cells), tile=4)
     return torch.from_numpy(image)
+
+
+def place(warp: PolarWarp, cells: Tensor) -> Tensor:
+    """Points on the screen of cell coordinates, float32, (v, n, 2)."""
+    source = cells.detach().contiguous().numpy()
+    width, gazes = warp.resolution[1], warp.gaze.pixels.double().numpy()
+    heights, points = warp.heights.numpy(), np.empty_like(source)
+    for table, gaze, own, found in zip(warp._distances(), gazes, source, points, strict=True):
+        run(place_cells, len(own), (table, gaze, heights, own, found), tile=16384)
+    beyond = (source[..., 0] < 0) | (source[..., 0] > width)
+    if beyond.any():
+        points[beyond] = warp._exact_points(cells)[torch.from_numpy(beyond)].numpy()
+    return torch.from_numpy(points)
+
+
+def distance_table(warp: PolarWarp) -> Table:
+    """Distances in pixels by the column coordinate, for a warp with one view."""
+    width = warp.resolution[1]
+    return tabulate(lambda x: warp.to_distance(x[None] / width)[0], 0, width, TOLERANCE)

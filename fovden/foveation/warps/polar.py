@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import torch
 from torch import Tensor
 
 from fovden.camera import Gaze
 from fovden.checks import require, require_number, require_shapes
+from fovden.foveation.kernels.curves import Table
+from fovden.foveation.warps._fused import Geometry, distance_table, geometry
+from fovden.foveation.warps._operators import number_of, placed, resampled
 from fovden.foveation.warps._resample import Resampling, resample, resampling
 from fovden.foveation.warps.base import Prefilter, Warp
 from fovden.foveation.warps.blur import eccentricity_blur
@@ -67,11 +71,17 @@ class PolarWarp(Warp):
     """
 
     fovea_border: FoveaBorder = "clamp"
+    number: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         names = get_args(FoveaBorder)
         require(self.fovea_border in names, "fovea_border", repr(self.fovea_border), f"one of {names}")
+        object.__setattr__(self, "number", number_of(self))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        object.__setattr__(self, "number", number_of(self))  # that of a copy, or of another process, is taken
 
     @abstractmethod
     def to_distance(self, fraction: Tensor) -> Tensor:
@@ -182,9 +192,8 @@ class PolarWarp(Warp):
             >>> warp.cell_to_screen(torch.tensor([[[8.0, 1.0]]]))
             tensor([[[35.3553, 35.3553]]])
         """
-        distance, angle, _ = self._place(cells)
-        offset = distance[..., None] * torch.stack([angle.cos(), angle.sin()], dim=-1)
-        return (self.gaze.pixels.double()[:, None] + offset).to(cells.dtype)
+        require_shapes("v n 2", {"v": self.view_count}, cells=cells)
+        return placed(self, cells) if self._is_compiled(cells) else self._exact_points(cells)
 
     def screen_to_cell(self, points: Tensor) -> Tensor:
         """Returns the cell coordinates of points on the screen: the inverse of :meth:`cell_to_screen`.
@@ -307,10 +316,13 @@ class PolarWarp(Warp):
         self._require_image(image, mask)
         names = get_args(Prefilter)
         require(prefilter in names, "prefilter", repr(prefilter), f"one of {names}")
-        plans = self._resamplings(prefilter)
         weighted = image if mask is None else torch.cat([image * mask, mask.expand_as(image[:, :1]).to(image)], dim=1)
-        out = torch.stack([resample(plan, each) for plan, each in zip(plans, weighted, strict=True)])
-        out = out.reshape(*out.shape[:2], *self.screen)
+        if self._is_compiled(weighted):
+            out = resampled(self, weighted, prefilter)
+        else:
+            plans = self._resamplings(prefilter)
+            out = torch.stack([resample(plan, each) for plan, each in zip(plans, weighted, strict=True)])
+            out = out.reshape(*out.shape[:2], *self.screen)
         if mask is None:
             return out
         total = out[:, -1:]
@@ -352,6 +364,27 @@ class PolarWarp(Warp):
         largest = strength * math.pi * self.reach / self.resolution[0]
         return eccentricity_blur(image, self.gaze, start=self.blur_start, stop=self.reach, sigma=largest)
 
+    @property
+    def read(self) -> Tensor:
+        """Whether :meth:`to_screen` reads a cell at all, as :attr:`Warp.read`: the adjoint of ones says so."""
+        ones = torch.ones(self.view_count, 1, *self.screen, device=self.gaze.pixels.device)
+        return resampled(self, ones, "area", back=True) > 0 if self._is_compiled(ones) else super().read
+
+    def _is_compiled(self, values: Tensor) -> bool:
+        """Whether kernels serve: for float32 on the CPU, and a warp that no gradient is wanted of."""
+        devices = {values.device.type, self.gaze.pixels.device.type}
+        return self._is_fixed and devices == {"cpu"} and values.dtype == torch.float32
+
+    @property
+    def _is_fixed(self) -> bool:
+        tensors = [each for each in (self.gaze.pixels, *vars(self).values()) if isinstance(each, Tensor)]
+        return not any(each.requires_grad for each in tensors)
+
+    def _exact_points(self, cells: Tensor) -> Tensor:
+        distance, angle, _ = self._place(cells)
+        offset = distance[..., None] * torch.stack([angle.cos(), angle.sin()], dim=-1)
+        return (self.gaze.pixels.double()[:, None] + offset).to(cells.dtype)
+
     def _place(self, cells: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Distance, angle, and the column's height, of cell coordinates."""
         require_shapes("v n 2", {"v": self.view_count}, cells=cells)
@@ -369,18 +402,28 @@ class PolarWarp(Warp):
         return inside.clamp(0, self.resolution[1] - 1), turned
 
     def _resamplings(self, prefilter: Prefilter) -> list[Resampling]:
-        if not any(
-            isinstance(each, Tensor) and each.requires_grad for each in (self.gaze.pixels, *vars(self).values())
-        ):
-            if prefilter not in self._kept:
-                with torch.inference_mode(False), torch.no_grad():  # kept for later calls, whose mode may be another
-                    self._kept[prefilter] = [resampling(eye, prefilter) for eye in self._eyes()]
-            return self._kept[prefilter]
-        return [resampling(eye, prefilter) for eye in self._eyes()]
+        if not self._is_fixed:
+            return [resampling(eye, prefilter) for eye in self._eyes()]
+        found: list[Resampling] = self._keep(f"plan {prefilter}", lambda eye: resampling(eye, prefilter))
+        return found
+
+    def _geometries(self, prefilter: Prefilter) -> list[Geometry]:
+        found: list[Geometry] = self._keep(prefilter, lambda eye: geometry(eye, prefilter))
+        return found
+
+    def _distances(self) -> list[Table]:
+        found: list[Table] = self._keep("distances", distance_table)
+        return found
+
+    def _keep(self, name: str, make: Callable[[Self], Any]) -> list[Any]:
+        if name not in self._kept:
+            with torch.inference_mode(False), torch.no_grad():  # kept for later calls, whose mode may be another
+                self._kept[name] = [make(eye) for eye in self._eyes()]
+        return self._kept[name]
 
     def _eyes(self) -> list[Self]:
         return [replace(self, gaze=Gaze(pixels[None])) for pixels in self.gaze.pixels]
 
     @cached_property
-    def _kept(self) -> dict[str, list[Resampling]]:
+    def _kept(self) -> dict[str, list[Any]]:
         return {}
