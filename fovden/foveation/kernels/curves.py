@@ -87,6 +87,25 @@ def values_at(table: Table, x: Any, values: Any) -> None:
 
 
 @inlined
+def floor_of(x: Float) -> Int:
+    """The largest integer up to a number."""
+    whole = np.int64(x)
+    return whole - 1 if x < whole else whole
+
+
+@inlined
+def sides_of(at: Float, dy: Float, inner: Float, outer: Float, width: Int) -> Any:
+    """Where a row ``dy`` below the gaze, which is at x, lies in a ring: from the first to before the second number left
+    of the gaze, from the third to before the fourth right of it. They are a pixel wider than need be, and apart."""
+    if abs(dy) > outer:
+        return np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    far, near = np.sqrt(outer * outer - dy * dy), np.sqrt(max(inner * inner - dy * dy, 0.0))
+    left, middle = max(floor_of(at - far) - 1, 0), min(floor_of(at - near) + 2, width)
+    beyond, right = max(floor_of(at + near) - 1, middle, 0), min(floor_of(at + far) + 2, width)
+    return left, middle, beyond, right
+
+
+@inlined
 def turn_of(x: Float, y: Float) -> Float:
     """The angle of a vector from the x axis towards the y axis, in turns from 0 to 1; 0 for no vector."""
     across, along = abs(x), abs(y)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fovden.foveation.kernels.curves import TURN, Curve, Table, curve_of, turn_of, value_at
+from fovden.foveation.kernels.curves import TURN, Curve, Table, curve_of, floor_of, turn_of, value_at
 from fovden.jit import Float, Int, inlined, kernel
 from fovden.simd import pointer_to, stack_doubles, stack_floats, stack_int32
 
@@ -114,13 +114,6 @@ def taps_on_the_stack() -> Taps:
         stack_doubles(64), stack_doubles(64), stack_doubles(64), stack_doubles(64), stack_int32(64), stack_int32(256),
         stack_int32(256), stack_floats(256), stack_floats(256),
     )  # fmt: skip
-
-
-@inlined
-def floor_of(x: Float) -> Int:
-    """The largest integer up to a number."""
-    whole = np.int64(x)
-    return whole - 1 if x < whole else whole
 
 
 @inlined

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fovden.foveation.kernels.curves import floor_of, sides_of
 from fovden.foveation.kernels.footprints import (
     RUN,
     Eye,
@@ -19,7 +20,6 @@ from fovden.foveation.kernels.footprints import (
     arc_of,
     column_of,
     find_taps,
-    floor_of,
     taps_on_the_stack,
     turned_by,
     view_of,
@@ -170,13 +170,7 @@ def scatter_rings(start: Int, stop: Int, eye: Eye, rings: Rings, screen: Any, su
         place = rings.places[ring] - eye.offsets[rings.columns[ring, 0]]
         for y in range(height):
             dy = y + 0.5 - eye.y
-            far = np.sqrt(max(outer * outer - dy * dy, 0.0))
-            near = np.sqrt(max(inner * inner - dy * dy, 0.0))
-            if abs(dy) > outer:
-                continue
-            # Left of the gaze and right of it, a pixel more than need be; what lies in another ring is left out later.
-            left, middle = max(floor_of(eye.x - far) - 1, 0), min(floor_of(eye.x - near) + 2, width)
-            beyond, right = max(floor_of(eye.x + near) - 1, middle), min(floor_of(eye.x + far) + 2, width)
+            left, middle, beyond, right = sides_of(eye.x, dy, inner, outer, width)
             for side in range(2):
                 first, end = (left, middle) if side == 0 else (beyond, right)
                 for x in range(first, end, RUN):
