@@ -24,7 +24,7 @@ class Levels(NamedTuple):
         y: The same.
         start: Distance at which the place begins to rise.
         slope: By how much it does with each pixel.
-        count: Number K of the last level.
+        last: Number K of the last level.
         radii: Reach of each level's kernel in rows and in columns, of level 0, which is none, too: int64, (K + 1, 2).
         taps: The kernels from their middle on, float32, (K + 1, reach + 1).
         rows: One over the sum of the taps that are in the image, for each row, float32, (K + 1, h).
@@ -35,7 +35,7 @@ class Levels(NamedTuple):
     y: float
     start: float
     slope: float
-    count: int
+    last: int
     radii: Any
     taps: Any
     rows: Any
@@ -49,8 +49,8 @@ def find_places(levels: Levels, y: Int, lower: Any, share: Any) -> None:
     for x in range(len(lower)):
         dx = x + 0.5 - levels.x
         place = (np.sqrt(dx * dx + dy * dy) - levels.start) * levels.slope
-        place = min(max(place, 0.0), np.float64(levels.count))
-        low = min(np.int32(place), np.int32(levels.count - 1))
+        place = min(max(place, 0.0), np.float64(levels.last))
+        low = min(np.int32(place), np.int32(levels.last - 1))
         lower[x] = low
         share[x] = (place * place - low * low) / (2 * low + 1)
 
@@ -60,7 +60,7 @@ def ring_of(levels: Levels, level: Int, y: Int, width: Int) -> Any:
     """Where a level counts in a row: two ranges of x, not empty only where it may."""
     inner = levels.start + (level - 1) / levels.slope
     outer = levels.start + (level + 1) / levels.slope
-    if level == levels.count:
+    if level == levels.last:
         outer = abs(levels.x) + abs(levels.y) + levels.rows.shape[1] + width
     return sides_of(levels.x, y + 0.5 - levels.y, inner, outer, width)
 
@@ -132,7 +132,7 @@ def blur_rows(start: Int, stop: Int, levels: Levels, image: Any, blurred: Any) -
             target = advanced(pointer_to(blurred), (channel * height + y) * width)
             for x in range(width):
                 target[x] = source[x] * weight_of(0, lowers[x], shares[x])
-            for level in range(1, levels.count + 1):
+            for level in range(1, levels.last + 1):
                 left, middle, beyond, right = ring_of(levels, level, y, width)
                 taps, (tall, wide) = pointer_to(levels.taps[level]), levels.radii[level]
                 norm, norms = levels.rows[level, y], pointer_to(levels.columns[level])
@@ -167,10 +167,11 @@ def return_rows(start: Int, stop: Int, levels: Levels, gradient: Any, returned: 
         for y in range(start, stop):
             weigh_row(levels, 0, y, 0, width, lower[y - above], share[y - above], gradient[channel, y],
                       returned[channel, y])  # fmt: skip
-        for level in range(1, levels.count + 1):
+        for level in range(1, levels.last + 1):
             taps, (tall, wide) = pointer_to(levels.taps[level]), levels.radii[level]
             top, bottom = max(start - tall, 0), min(stop + tall, height)
-            first, last = width, np.int64(0)
+            last: Int = 0
+            first = width
             for y in range(top, bottom):
                 left, middle, beyond, right = ring_of(levels, level, y, width)
                 first = min(first, left if left < middle else (beyond if beyond < right else width))

@@ -64,8 +64,8 @@ def curve_of(table: Table) -> Curve:
 @inlined
 def value_at(curve: Curve, x: Float) -> Float:
     """The function's value; beyond the ends that at the ends."""
-    x = min(max(x, curve.origin), curve.origin + curve.units)
-    unit = min(np.int64(x - curve.origin), curve.units - 1)
+    from_origin = min(max(x - curve.origin, 0.0), np.float64(curve.units))
+    unit: Int = min(np.int64(from_origin), curve.units - 1)
     low, high = np.int64(curve.starts[unit]), np.int64(curve.starts[unit + 1])
     while high - low > 1:
         middle = (low + high) >> 1
@@ -73,7 +73,7 @@ def value_at(curve: Curve, x: Float) -> Float:
             high = middle
         else:
             low = middle
-    s = x - curve.pieces[5 * low]
+    s = from_origin + (curve.origin - curve.pieces[5 * low])
     third = curve.pieces[5 * low + 4] * s + curve.pieces[5 * low + 3]
     return (third * s + curve.pieces[5 * low + 2]) * s + curve.pieces[5 * low + 1]
 
@@ -95,8 +95,11 @@ def floor_of(x: Float) -> Int:
 
 @inlined
 def sides_of(at: Float, dy: Float, inner: Float, outer: Float, width: Int) -> Any:
-    """Where a row ``dy`` below the gaze, which is at x, lies in a ring: from the first to before the second number left
-    of the gaze, from the third to before the fourth right of it. They are a pixel wider than need be, and apart."""
+    """Where a row ``dy`` below the gaze lies in a ring around it.
+
+    That is from the first to before the second number left of the gaze, and from the third to before the fourth right
+    of it. Both parts are a pixel wider than need be, and have no pixel in common.
+    """
     if abs(dy) > outer:
         return np.int64(0), np.int64(0), np.int64(0), np.int64(0)
     far, near = np.sqrt(outer * outer - dy * dy), np.sqrt(max(inner * inner - dy * dy, 0.0))

@@ -1,10 +1,10 @@
 """Which cells a pixel reads, with what weights: for a run of pixels of one row at a time.
 
-Of a pixel, all but the angle follows from its distance, through the law's table. Its footprint in distance is a span of
-columns, that in angle an arc. Most arcs are no longer than a cell, and are read between two rows; then a pixel reads two
-cells in each of a few columns, and loops over the pixels of a run become vector instructions. Other footprints are boxes
-that are read cell by cell: boxes cover the screen about once, so that all of them together read about as many cells as
-there are.
+Of a pixel, all but the angle follows from its distance, through the law's table. Its footprint in distance is a span
+of columns, that in angle an arc. Most arcs are no longer than a cell, and are read between two rows; then a pixel reads
+two cells in each of a few columns, and loops over the pixels of a run become vector instructions. Other footprints are
+boxes that are read cell by cell: boxes cover the screen about once, so that all of them together read about as many
+cells as there are.
 """
 
 from __future__ import annotations

@@ -67,8 +67,11 @@ def pack_columns(start: Int, stop: Int, eye: Eye, image: Any, packed: Any) -> No
 
 @inlined
 def box_of(view: View, taps: Taps, i: Int, side: Int, arc: Float) -> Any:
-    """What a footprint has of a column: its first cell and the column's end, the first row, where the arc begins and
-    ends in rows, and the weight of a whole cell."""
+    """What a footprint has of a column.
+
+    That is its first cell, the end of the column's cells and their number; then the first row, and where the arc begins
+    and ends, in rows that go on around the circle; and the weight of a whole cell.
+    """
     inside = column_of(view, side)
     height, offset = view.heights[inside], view.offsets[inside]
     length = max(arc * height, 1.0)

@@ -20,6 +20,7 @@ from fovden.foveation.kernels.resample import (
     pack_columns,
     scatter_rings,
 )
+from fovden.foveation.warps._kept import for_each_view
 from fovden.foveation.warps._tables import tabulate
 from fovden.parallel import run
 
@@ -38,6 +39,11 @@ class Geometry(NamedTuple):
     eye: Eye
     rings: Rings
     screen: tuple[int, int]
+
+
+def geometries(warp: PolarWarp, prefilter: Prefilter) -> list[Geometry]:
+    """The geometry of each view of a warp."""
+    return for_each_view(warp, prefilter, lambda view: geometry(view, prefilter))
 
 
 def geometry(warp: PolarWarp, prefilter: Prefilter) -> Geometry:
@@ -106,11 +112,12 @@ def place(warp: PolarWarp, cells: Tensor) -> Tensor:
     source = cells.detach().contiguous().numpy()
     width, gazes = warp.resolution[1], warp.gaze.pixels.double().numpy()
     heights, points = warp.heights.numpy(), np.empty_like(source)
-    for table, gaze, own, found in zip(warp._distances(), gazes, source, points, strict=True):
+    tables = for_each_view(warp, "distances", distance_table)
+    for table, gaze, own, found in zip(tables, gazes, source, points, strict=True):
         run(place_cells, len(own), (table, gaze, heights, own, found), tile=16384)
     beyond = (source[..., 0] < 0) | (source[..., 0] > width)
     if beyond.any():
-        points[beyond] = warp._exact_points(cells)[torch.from_numpy(beyond)].numpy()
+        points[beyond] = warp._points(cells)[torch.from_numpy(beyond)].numpy()
     return torch.from_numpy(points)
 
 

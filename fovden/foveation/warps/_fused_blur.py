@@ -51,7 +51,9 @@ def _levels(
     return Levels(x, y, start, slope, count, np.array(reach), taps, *norms)
 
 
-torch.library.define("fovden::eccentricity_blur", "(Tensor image, Tensor gaze, Tensor bounds, int steps, bool back) -> Tensor")
+torch.library.define(
+    "fovden::eccentricity_blur", "(Tensor image, Tensor gaze, Tensor bounds, int steps, bool back) -> Tensor"
+)
 torch.library.impl("fovden::eccentricity_blur", "CPU", _run)
 torch.library.register_fake("fovden::eccentricity_blur", lambda image, *_: image.new_empty(image.shape))
 
@@ -63,8 +65,8 @@ def _remember(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
 
 
 def _return(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-    call = torch.ops.fovden.eccentricity_blur if torch.compiler.is_compiling() else _Blurred.apply
-    return call(gradient, *ctx.saved_tensors, ctx.steps, not ctx.back), None, None, None, None
+    back = _Blurred.apply(gradient, *ctx.saved_tensors, ctx.steps, not ctx.back)  # type: ignore[no-untyped-call]
+    return back, None, None, None, None
 
 
 class _Blurred(torch.autograd.Function):

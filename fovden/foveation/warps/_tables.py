@@ -20,8 +20,8 @@ CHECK = np.vander(NODES[1::2], 4, increasing=True)
 def tabulate(function: Callable[[Tensor], Tensor], first: float, last: float, tolerance: float) -> Table:
     """A function on [floor(first), ceil(last)] by cubics, each exact at four places, within the tolerance at three.
 
-    Pieces are a unit long at most, and a sixteenth of one, a sixteenth of that, ... where the function bends: a kink ends
-    up in a piece so short that it does not matter.
+    Pieces are a unit long at most, and a sixteenth of one, a sixteenth of that, ... where the function bends: a kink
+    ends up in a piece so short that it does not matter.
     """
     origin, end = np.floor(first), max(np.ceil(last), np.floor(first) + 1)
     begin, length = np.arange(origin, end), 1.0
