@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import weakref
 
 import pytest
 import torch
@@ -9,6 +10,7 @@ import torch
 from fovden.camera import Gaze
 from fovden.foveation import LogPolarWarp, VisualPolarWarp, eccentricity_blur
 from fovden.foveation.kernels import lanes
+from fovden.foveation.warps._operators import warp_of
 from fovden.foveation.warps.blur import STEPS, compose
 from fovden.jit import kernel
 from fovden.simd import pointer_to
@@ -138,11 +140,18 @@ def test_copies_have_numbers_of_their_own():
     expected = warp.to_screen(image)
     copies = [copy.copy(warp), copy.deepcopy(warp), pickle.loads(pickle.dumps(warp)), warp.to(torch.float32)]
     assert len({int(each.number) for each in (warp, *copies)}) == 5
-    number = warp.number
-    del warp
     assert all(torch.equal(each.to_screen(image), expected) for each in copies)
+    leaf = image.requires_grad_()
+    screen = warp.to_screen(leaf)
+    number = int(warp.number)
+    known = weakref.ref(warp_of(warp.number))
+    del warp
+    screen.sum().backward()  # for which the warp is kept
+    assert torch.allclose(leaf.grad, torch.autograd.grad(copies[0].to_screen(leaf).sum(), leaf)[0])
+    del screen
+    assert known() is None
     with pytest.raises(RuntimeError, match="warp: expected the number of a warp that this process holds"):
-        OPERATORS.resample(image, number, "area", list(SCREEN), False)
+        OPERATORS.resample(image, torch.tensor(number), "area", list(SCREEN), False)
 
 
 def test_gradients_of_the_warp_go_by_torch():

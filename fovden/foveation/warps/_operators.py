@@ -1,7 +1,7 @@
 """Polar warps as operators of PyTorch: the way to the screen and its adjoint, and where cells lie.
 
 They take tensors and the number of a warp: what kernels know of it is looked up when an operator runs, and made if it
-is the first to ask. Numbers hold for one process; a warp's is given back with it. The operators are opaque to
+is the first to ask. Numbers hold for one process. The operators are opaque to
 ``torch.compile``, which knows the shapes of what they return.
 """
 
@@ -11,6 +11,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -24,12 +25,23 @@ _WARPS: WeakValueDictionary[int, PolarWarp] = WeakValueDictionary()
 _NUMBERS = count(1)
 
 
+class _Handle(np.ndarray[Any, Any]):
+    """A number whose memory, and any tensor that has a share in it, keeps what operators find by it."""
+
+    warp: PolarWarp
+
+
 def number_of(warp: PolarWarp) -> Tensor:
-    """Gives a warp the number by which operators find it, and returns it."""
-    number = next(_NUMBERS)
-    _WARPS[number] = warp
+    """Gives a warp the number by which operators find it, and returns it, as a tensor.
+
+    They find a copy, which lives as long as the tensor's memory, also where a warp is gone before its backward pass.
+    """
+    known = object.__new__(type(warp))
+    known.__dict__.update(vars(warp) | {"_kept": warp._kept})
+    handle = np.array(next(_NUMBERS)).view(_Handle)
+    handle.warp = _WARPS[int(handle)] = known
     with torch.inference_mode(False):
-        return torch.tensor(number)
+        return torch.from_numpy(handle)
 
 
 def warp_of(number: Tensor) -> PolarWarp:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import torch
@@ -17,6 +18,17 @@ THROUGH = np.linalg.inv(np.vander(NODES[::2], increasing=True))  # coefficients 
 CHECK = np.vander(NODES[1::2], 4, increasing=True)
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keeps the caller's tensor operations on one thread: they are small, and waiting for others may take longer."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
 def tabulate(function: Callable[[Tensor], Tensor], first: float, last: float, tolerance: float) -> Table:
     """A function on [floor(first), ceil(last)] by cubics, each exact at four places, within the tolerance at three.
 
@@ -28,7 +40,8 @@ def tabulate(function: Callable[[Tensor], Tensor], first: float, last: float, to
     found = []
     while len(begin):
         x = begin[:, None] + length * NODES
-        y = function(torch.from_numpy(x.reshape(-1))).numpy().reshape(x.shape)
+        with _one_thread():
+            y = function(torch.from_numpy(x.reshape(-1))).numpy().reshape(x.shape)
         cubic = y[:, ::2] @ THROUGH.T
         bad = np.abs(cubic @ CHECK.T - y[:, 1::2]).max(axis=1) > tolerance
         if length <= SHORTEST:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Literal, get_args
 
@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from fovden.checks import require, require_number, require_shapes
-from fovden.foveation.warps._kept import for_each_view, is_compiled
+from fovden.foveation.warps._kept import built, is_compiled
 from fovden.foveation.warps._operators import number_of, resampled
-from fovden.foveation.warps._resample import resample, resampling
+from fovden.foveation.warps._resample import composed
 from fovden.foveation.warps.base import Prefilter, Warp
 from fovden.foveation.warps.blur import eccentricity_blur
 
@@ -58,14 +58,13 @@ class PolarWarp(Warp):
         ValueError: If a value is out of range.
 
     In float32 on the CPU, and where no gradient is wanted of the warp itself, points and images are mapped by compiled
-    kernels, two operators of PyTorch with exact derivatives, for which a new gaze costs a few milliseconds. Elsewhere
-    the same is made of torch operations.
+    kernels, for which a new gaze costs a few milliseconds. Elsewhere the same is made of torch operations.
 
     Source: Koskela et al. 2019, "Foveated real-time path tracing in visual-polar space", as far as it is known; the
     footprint is that of Williams, "Pyramidal parametrics", 1983, as a box instead of a pyramid of averages.
 
     Example:
-        >>> from fovden.foveation import VisualPolarWarp
+        >>> from fovden.foveation import Gaze, VisualPolarWarp
         >>> warp = VisualPolarWarp(Gaze(torch.tensor([[320.0, 240.0]])), (480, 640), (300, 400))
         >>> isinstance(warp, PolarWarp), warp.reach
         (True, tensor([400.], dtype=torch.float64))
@@ -79,9 +78,8 @@ class PolarWarp(Warp):
         require(self.fovea_border in names, "fovea_border", repr(self.fovea_border), f"one of {names}")
         self.number  # noqa: B018  not to be given while a function is compiled
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self.__dict__["number"] = number_of(self)  # not that of another process, or of what this is a copy of
+    def __reduce__(self) -> tuple[Any, ...]:
+        return built, (type(self), {each.name: getattr(self, each.name) for each in fields(self)})
 
     @abstractmethod
     def to_distance(self, fraction: Tensor) -> Tensor:
@@ -94,7 +92,7 @@ class PolarWarp(Warp):
             Distance in pixels, the same shape.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.to_distance(torch.tensor([[0.0, 1.0]]).double())
             tensor([[ 1.0000, 50.0000]], dtype=torch.float64)
@@ -111,7 +109,7 @@ class PolarWarp(Warp):
             t, the same shape; above 1 beyond the screen's farthest corner.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.to_fraction(torch.tensor([[1.0, 50.0]]).double())
             tensor([[0., 1.]], dtype=torch.float64)
@@ -128,7 +126,7 @@ class PolarWarp(Warp):
             d r / d t in pixels, the same shape.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8), alpha=1.0)
             >>> warp.stretch(torch.tensor([[1.0]]).double())  # 50 ln 50
             tensor([[195.6012]], dtype=torch.float64)
@@ -168,7 +166,7 @@ class PolarWarp(Warp):
         Differentiable: in ``points`` and the gaze.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.polar(torch.tensor([[[0.0, 2.0]]]))
             (tensor([[2.]], dtype=torch.float64), tensor([[1.5708]], dtype=torch.float64))
@@ -187,15 +185,14 @@ class PolarWarp(Warp):
         where they are tensors. Arguments and errors: see :class:`Warp`, as in the following.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.cell_to_screen(torch.tensor([[[8.0, 1.0]]]))
             tensor([[[35.3553, 35.3553]]])
         """
         require_shapes("v n 2", {"v": self.view_count}, cells=cells)
         if is_compiled(self, cells) and not (cells.requires_grad or torch.compiler.is_compiling()):
-            found: Tensor = torch.ops.fovden.place_cells(cells, self.number)
-            return found
+            return torch.ops.fovden.place_cells(cells, self.number)  # type: ignore[no-any-return]
         return self._points(cells)
 
     def screen_to_cell(self, points: Tensor) -> Tensor:
@@ -204,7 +201,7 @@ class PolarWarp(Warp):
         The row counts in the height of the column that x lies in, rounded. Differentiable as its inverse.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.screen_to_cell(torch.tensor([[[30.0, 30.0]]]))
             tensor([[[7.9147, 1.0000]]])
@@ -220,7 +217,7 @@ class PolarWarp(Warp):
         Differentiable as :meth:`cell_to_screen`.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8), alpha=1.0)
             >>> warp.jacobian(torch.tensor([[[8.0, 0.0]]]))[0, 0]
             tensor([[24.4501, -0.0000],
@@ -240,7 +237,7 @@ class PolarWarp(Warp):
         Differentiable as :meth:`screen_to_cell`.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8), alpha=1.0)
             >>> warp.density(torch.tensor([[[30.0, 40.0]]]))  # 64 / (2 pi 50 * 50 ln 50)
             tensor([[0.0010]])
@@ -274,7 +271,7 @@ class PolarWarp(Warp):
         Source: Koskela et al. 2019: wrap in angle, clamp in distance. The rows' rule is exact in integers here.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8), fovea_border="rotate")
             >>> warp.neighbour(torch.tensor([[0, 1], [0, 7]]), -1, 1)
             tensor([[0, 6],
@@ -307,13 +304,11 @@ class PolarWarp(Warp):
 
         Differentiable: in ``image`` and ``mask``, with the exact adjoint, and in gaze and parameters almost everywhere.
 
-        Cost: four reads per pixel and channel where a pixel is no larger than a cell, and elsewhere one of each cell in
-        its footprint. By kernels, three channels of two eyes of 960 x 1080 pixels take some 40 ms on two cores, with a
-        new gaze and without. As torch operations, which cells are read, with what weight, is found once, in a second or
-        more, and kept, unless the warp has a gradient.
+        Cost: four reads per pixel and channel, more where cells are smaller. As torch operations, which cells are read
+        is found once, in seconds, and kept, unless the warp has a gradient.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.tensor([[3.0, 2.0]])), (4, 6), (8, 8))
             >>> warp.to_screen(torch.full((1, 1, 8, 8), 0.25)).unique()
             tensor([0.2500])
@@ -322,12 +317,7 @@ class PolarWarp(Warp):
         names = get_args(Prefilter)
         require(prefilter in names, "prefilter", repr(prefilter), f"one of {names}")
         weighted = image if mask is None else torch.cat([image * mask, mask.expand_as(image[:, :1]).to(image)], dim=1)
-        if is_compiled(self, weighted):
-            out = resampled(self, weighted, prefilter)
-        else:
-            plans = for_each_view(self, f"plan {prefilter}", lambda view: resampling(view, prefilter))
-            out = torch.stack([resample(plan, each) for plan, each in zip(plans, weighted, strict=True)])
-            out = out.reshape(*out.shape[:2], *self.screen)
+        out = (resampled if is_compiled(self, weighted) else composed)(self, weighted, prefilter)
         if mask is None:
             return out
         total = out[:, -1:]
@@ -357,7 +347,7 @@ class PolarWarp(Warp):
         :func:`eccentricity_blur`.
 
         Example:
-            >>> from fovden.foveation import VisualPolarWarp
+            >>> from fovden.foveation import Gaze, VisualPolarWarp
             >>> warp = VisualPolarWarp(Gaze(torch.tensor([[3.0, 2.0]])), (4, 6), (4, 8))
             >>> warp.blur(torch.full((1, 1, 4, 6), 0.25)).unique()
             tensor([0.2500])
@@ -372,7 +362,7 @@ class PolarWarp(Warp):
     @property
     def read(self) -> Tensor:
         """Whether :meth:`to_screen` reads a cell at all, as :attr:`Warp.read`: the adjoint of ones says so."""
-        ones = torch.ones(self.view_count, 1, *self.screen, device=self.gaze.pixels.device)
+        ones = self.gaze.pixels.new_ones(self.view_count, 1, *self.screen, dtype=torch.float32)
         return resampled(self, ones, "area", back=True) > 0 if is_compiled(self, ones) else super().read
 
     def _points(self, cells: Tensor) -> Tensor:
@@ -398,10 +388,9 @@ class PolarWarp(Warp):
 
     @cached_property
     def number(self) -> Tensor:
-        """How operators find the warp within this process, int64: a tensor, since code is compiled for an integer."""
+        """How operators find the warp within this process; a tensor, since code is compiled for every other number."""
         return number_of(self)
 
     @cached_property
     def _kept(self) -> dict[str, list[Any]]:
-        """What was found for this warp, view by view, and is needed again; by names that are only for inside."""
         return {}
