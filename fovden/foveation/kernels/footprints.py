@@ -109,7 +109,7 @@ def view_of(eye: Eye, first: Int, last: Int) -> View:
 
 @inlined
 def taps_on_the_stack() -> Taps:
-    """Memory for a run."""
+    """Memory for a run: RUN numbers each, and MOST times as many. Their sizes must be literals."""
     return Taps(
         stack_doubles(64), stack_doubles(64), stack_doubles(64), stack_doubles(64), stack_int32(64), stack_int32(256),
         stack_int32(256), stack_floats(256), stack_floats(256),
