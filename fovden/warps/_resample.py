@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from fovden.camera import pixel_centres
+from fovden.warps._kept import for_each_view
 
 if TYPE_CHECKING:
     from fovden.warps.base import Prefilter
@@ -56,6 +57,13 @@ class Resampling(NamedTuple):
     weights: Tensor  # (4, near)
     wide: Tensor  # pixels that read arcs
     arcs: Arcs
+
+
+def composed(warp: PolarWarp, image: Tensor, prefilter: Prefilter) -> Tensor:
+    """Values of pixels, (v, c, height, width), from values of cells: on any device, and in any floating type."""
+    plans = for_each_view(warp, f"plan {prefilter}", lambda view: resampling(view, prefilter))
+    out = torch.stack([resample(plan, each) for plan, each in zip(plans, image, strict=True)])
+    return out.reshape(*out.shape[:2], *warp.screen)
 
 
 def resampling(warp: PolarWarp, prefilter: Prefilter) -> Resampling:
