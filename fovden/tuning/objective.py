@@ -79,7 +79,7 @@ class ImageError:
     Attributes:
         terms: Weight of each term.
         layer_weights: Weight of a pixel by its foveation layer, the innermost first; the last serves all further ones.
-            ``None`` means that all pixels count alike.
+            ``None`` means that all pixels count alike. Of a frame in cells it is that of the cells that a pixel reads.
 
     Raises:
         ValueError: If a term is unknown or a weight is negative, or all of them are 0.
@@ -119,6 +119,8 @@ class ImageError:
         if self.layer_weights is not None:
             table = torch.tensor(self.layer_weights, dtype=image.dtype, device=image.device)
             weight = table[frame.layer.long().clamp(max=len(table) - 1)]
+            if frame.warp is not None:  # the image is on the screen
+                weight = frame.warp.to_screen(weight)
         exposed = image * exposure, reference * exposure
         errors = [share * TERMS[name](*exposed, weight).nanmean() for name, share in self.terms.items() if share > 0]
         return torch.stack(errors).sum()

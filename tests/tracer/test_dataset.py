@@ -1,5 +1,6 @@
 """Data sets give the same bits in every process, and frames that differ in what they should."""
 
+import dataclasses
 from multiprocessing.context import set_spawning_popen
 from multiprocessing.reduction import ForkingPickler
 
@@ -8,7 +9,7 @@ import torch
 from builders import rounded, scene_of, sphere
 from torch.utils.data import DataLoader
 
-from fovden.foveation import ThreeLayer, sample_map
+from fovden.foveation import ThreeLayer, VisualPolarWarp, sample_map
 from fovden.tracer import (
     EnvironmentLight,
     FrameDataset,
@@ -247,3 +248,41 @@ def test_references_are_kept(tmp_path, monkeypatch):
 def test_bad_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         FrameDataset(sequence(), **settings)
+
+
+def test_items_in_cells_follow_the_gaze_and_their_references_stay_on_the_screen():
+    scenes = sequence(resolution=(16, 20))
+    warp = VisualPolarWarp.for_camera(scenes[0].camera)
+    dataset = FrameDataset(scenes, ThreeLayer(r0=3, r1=6), spp=2, seed=5, reference_spp=2, warp=warp)
+    items = [dataset[i] for i in range(3)]
+    for number, (frame, reference) in enumerate(items):
+        now = scenes[number]
+        around = dataclasses.replace(warp, gaze=now.gaze)
+        samples = sample_map(ThreeLayer(r0=3, r1=6), now.camera, spp=2, seed=5, index=number, warp=around)
+        assert torch.equal(frame.counts, samples.counts.expand_as(frame.counts))
+        assert torch.equal(frame.warp.gaze.pixels, now.gaze.pixels)
+        assert frame.resolution == warp.resolution
+        assert reference.mean.shape == (2, 3, 16, 20)
+    assert not torch.equal(items[0][0].warp.gaze.pixels, items[2][0].warp.gaze.pixels)
+    plain = FrameDataset(scenes, spp=2, seed=5, reference_spp=2)
+    assert torch.equal(plain[1][1].mean, items[1][1].mean)
+    frames, references = FrameDataset.collate(items)
+    assert frames.view_count == references.mean.shape[0] == 6
+    assert references.camera.resolution == frames.warp.screen == (16, 20)
+    assert (FrameDataset(scenes, spp=1, warp=warp)[0][0].counts.amax(), items[0][0].counts.amax()) == (1, 2)
+
+
+def test_a_raster_for_another_screen_is_an_error():
+    warp = VisualPolarWarp.for_camera(sequence(resolution=(16, 20))[0].camera)
+    with pytest.raises(ValueError, match=r"camera\.resolution: expected the screen's, \(16, 20\), got \(8, 10\)"):
+        FrameDataset(sequence(), warp=warp)
+
+
+@forks
+def test_workers_trace_cells_with_the_same_bits():
+    scenes = sequence()
+    dataset = FrameDataset(scenes, spp=1, warp=VisualPolarWarp.for_camera(scenes[0].camera))
+    loader = DataLoader(dataset, batch_size=None, num_workers=1)
+    for number, item in enumerate(loader):
+        assert same(item, dataset[number])
+        assert item[0].raster == "visual-polar"

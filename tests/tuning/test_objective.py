@@ -1,12 +1,15 @@
 """The terms are what they are called, by formulas written out here and by scikit-image."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from skimage.metrics import structural_similarity
 from tuning_frames import clean_image, noisy_frame
 
-from fovden import color
+from fovden import Frame, Gaze, GBuffer, color
+from fovden.foveation import LogPolarWarp
 from fovden.tuning import ImageError
 
 
@@ -93,3 +96,19 @@ def test_exposure_makes_the_error_free_of_the_unit():
 def test_bad_weights_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
         ImageError(**arguments)
+
+
+def test_weights_of_layers_in_cells_are_those_of_the_pixels_that_read_them():
+    """One layer right of the gaze and another left of it: beyond a cell's width from the border it is the pixel's."""
+    image, truth, frame = two_images()
+    height, width = frame.resolution
+    gaze = Gaze(torch.tensor([[width / 2, height / 2]]).double().repeat(frame.view_count, 1))
+    warp = LogPolarWarp(gaze, frame.resolution, (64, 40), alpha=2.0)
+    layer = (warp.positions()[..., 0] < width / 2).int().reshape(-1, 1, 64, 40)
+    cells = torch.zeros(frame.view_count, 3, 64, 40).double()
+    warped = replace(Frame.from_radiance(cells, GBuffer.empty(frame.view_count, (64, 40)), layer=layer), warp=warp)
+    right = torch.where(torch.arange(width) >= width / 2 + 3, image, truth)
+    left = torch.where(torch.arange(width) < width / 2 - 3, image, truth)
+    error = ImageError({"l1": 1.0}, layer_weights=(1.0, 0.0))
+    assert float(error(right, truth, warped)) > 0
+    assert float(error(left, truth, warped)) == 0
