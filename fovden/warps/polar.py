@@ -13,7 +13,7 @@ from torch import Tensor
 
 from fovden.camera import Gaze
 from fovden.checks import require, require_number, require_shapes
-from fovden.warps._resample import Resampling, resample, resampling
+from fovden.warps._resample import Resampling, kept_resamplings, read_cells, resample
 from fovden.warps.base import Prefilter, Warp
 from fovden.warps.blur import eccentricity_blur
 
@@ -141,6 +141,12 @@ class PolarWarp(Warp):
         corners = self.gaze.pixels.new_tensor([[0, 0], [width, 0], [0, height], [width, height]]).double()
         distance: Tensor = torch.linalg.vector_norm(corners - self.gaze.pixels.double()[:, None], dim=-1)
         return distance.amax(dim=1)
+
+    @cached_property
+    def read(self) -> Tensor:
+        """Whether :meth:`to_screen` reads a cell at all: bool, shape (v, 1, h, w); see :class:`Warp`."""
+        with torch.inference_mode(False), torch.no_grad():
+            return torch.stack([read_cells(plan) for plan in kept_resamplings(self, "area")])[:, None]
 
     def polar(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Returns distance and angle of points on the screen, seen from the gaze.
@@ -322,7 +328,7 @@ class PolarWarp(Warp):
         self._require_image(image, mask)
         names = get_args(Prefilter)
         require(prefilter in names, "prefilter", repr(prefilter), f"one of {names}")
-        plans = self._resamplings(prefilter)
+        plans = kept_resamplings(self, prefilter)
         weighted = image if mask is None else torch.cat([image * mask, mask.expand_as(image[:, :1]).to(image)], dim=1)
         out = torch.stack([resample(plan, each) for plan, each in zip(plans, weighted, strict=True)])
         out = out.reshape(*out.shape[:2], *self.screen)
@@ -382,15 +388,6 @@ class PolarWarp(Warp):
         turned = (column < 0).long() if self.fovea_border == "rotate" else torch.zeros_like(column)
         inside = torch.where(turned > 0, -1 - column, column)
         return inside.clamp(0, self.resolution[1] - 1), turned
-
-    def _resamplings(self, prefilter: Prefilter) -> list[Resampling]:
-        tensors = (each for each in (self.gaze.pixels, *vars(self).values()) if isinstance(each, Tensor))
-        if not any(each.requires_grad for each in tensors):
-            if prefilter not in self._kept:
-                with torch.inference_mode(False), torch.no_grad():  # kept for later calls, whose mode may be another
-                    self._kept[prefilter] = [resampling(eye, prefilter) for eye in self._eyes()]
-            return self._kept[prefilter]
-        return [resampling(eye, prefilter) for eye in self._eyes()]
 
     def _eyes(self) -> list[Self]:
         return [replace(self, gaze=Gaze(pixels[None])) for pixels in self.gaze.pixels]
