@@ -217,7 +217,7 @@ class Warp(ABC):
         """Whether :meth:`to_screen` reads a cell at all: bool, shape (v, 1, h, w).
 
         Pixels at the screen's edge lie between cells some of whose centres are outside. Tracing the cells that are
-        read, and no others, leaves no dark rim.
+        read, and no others, leaves no dark rim. Here it is where the adjoint of a map of ones is above 0.
         """
         with torch.inference_mode(False), torch.enable_grad():  # kept for later calls, whose mode may be another
             shape = (self.view_count, 1, *self.resolution)

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from fovden.checks import require, require_number, require_shapes
 from fovden.warps._kept import built, is_compiled
-from fovden.warps._operators import number_of, resampled
-from fovden.warps._resample import composed
+from fovden.warps._operators import number_of, read_cells, resampled
+from fovden.warps._resample import composed, divided
 from fovden.warps.base import Prefilter, Warp
 from fovden.warps.blur import eccentricity_blur
 from fovden.warps.topology import Topology
@@ -155,6 +155,11 @@ class PolarWarp(Warp):
         corners = self.gaze.pixels.new_tensor([[0, 0], [width, 0], [0, height], [width, height]]).double()
         distance: Tensor = torch.linalg.vector_norm(corners - self.gaze.pixels.double()[:, None], dim=-1)
         return distance.amax(dim=1)
+
+    @cached_property
+    def read(self) -> Tensor:
+        """Whether :meth:`to_screen` reads a cell at all: bool, shape (v, 1, h, w); see :class:`Warp`."""
+        return read_cells(self)
 
     def polar(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Returns distance and angle of points on the screen, seen from the gaze.
@@ -318,8 +323,7 @@ class PolarWarp(Warp):
 
         Differentiable: in ``image`` and ``mask``, with the exact adjoint, and in gaze and parameters almost everywhere.
 
-        Cost: four reads per pixel and channel, more where cells are smaller. As torch operations, which cells are read
-        is found once, in seconds, and kept, unless the warp has a gradient.
+        Cost: four reads per pixel and channel, more where cells are smaller; as torch operations, seconds for a gaze.
 
         Example:
             >>> from fovden.foveation import Gaze, LogPolarWarp
@@ -332,11 +336,7 @@ class PolarWarp(Warp):
         require(prefilter in names, "prefilter", repr(prefilter), f"one of {names}")
         weighted = image if mask is None else torch.cat([image * mask, mask.expand_as(image[:, :1]).to(image)], dim=1)
         out = (resampled if is_compiled(self, weighted) else composed)(self, weighted, prefilter)
-        if mask is None:
-            return out
-        total = out[:, -1:]
-        counts = total > torch.finfo(out.dtype).tiny
-        return torch.where(counts, out[:, :-1] / torch.where(counts, total, 1.0), 0.0)
+        return out if mask is None else divided(out)
 
     def blur(self, image: Tensor, strength: float | Tensor = 1.0) -> Tensor:
         """Returns an image on the screen, blurred the more the farther from the gaze, to hide the cells of the rim.
@@ -357,8 +357,7 @@ class PolarWarp(Warp):
 
         Differentiable: in ``image``, ``strength``, gaze and parameters.
 
-        Source: Koskela et al. 2019 describe it in words, without constants; these are ours. See
-        :func:`eccentricity_blur`.
+        Source: Koskela et al. 2019, in words; the constants are ours. See :func:`eccentricity_blur`.
 
         Example:
             >>> from fovden.foveation import Gaze, VisualPolarWarp
@@ -374,12 +373,6 @@ class PolarWarp(Warp):
         start = self.blur_start
         stop = torch.where(self.reach > start, self.reach, start + 1)  # a screen of a pixel or two ends before
         return eccentricity_blur(image, self.gaze, start=start, stop=stop, sigma=largest)
-
-    @property
-    def read(self) -> Tensor:
-        """Whether :meth:`to_screen` reads a cell at all, as :attr:`Warp.read`: the adjoint of ones says so."""
-        ones = self.gaze.pixels.new_ones(self.view_count, 1, *self.screen, dtype=torch.float32)
-        return resampled(self, ones, "area", back=True) > 0 if is_compiled(self, ones) else super().read
 
     def _points(self, cells: Tensor) -> Tensor:
         distance, angle, _ = self._place(cells)
