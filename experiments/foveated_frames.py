@@ -18,15 +18,12 @@ from experiments.frame_sets import frame_set
 from experiments.level_choices import Choice
 from fovden import color, metrics
 from fovden.camera import Gaze
-from fovden.foveation import eccentricity_degrees, mask_numbers, thinned
+from fovden.foveation import mask_numbers, thinned
 from fovden.foveation.falloff import Falloff
 from fovden.frame import Frame
 from fovden.tracer import FrameDataset
 
 __all__ = ["Pose", "geometric_mean"]
-
-HALF_RESOLUTION_DEG = 2.3
-"""Eccentricity at which acuity is half of the fovea's: e2 of Geisler and Perry 1998, see ``learn_falloff.py``."""
 
 
 class Pose:
@@ -63,7 +60,7 @@ class Pose:
         self.truth = (reference.mean - frame.emission).clamp(min=0)
         self.views, self.gaze = frame.camera, Gaze.center(frame.camera)
         self.numbers = mask_numbers(resolution, data.seed, index=index)
-        self.acuity = (1 + eccentricity_degrees(self.gaze, self.views) / HALF_RESOLUTION_DEG) ** -2
+        self.acuity = metrics.acuity_weight(self.views, self.gaze)
         self.exposure = color.exposure(self.truth)
         self.frames = {1: unlit(frame)}
 

@@ -27,6 +27,7 @@ from torch import Tensor, nn
 
 from experiments.compare_denoisers import sponza
 from experiments.harness import run_script
+from fovden import metrics
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.figures import draw_falloff
 from fovden.filters import NonHomogeneousAtrous
@@ -47,9 +48,6 @@ from fovden.results import Measurement, Run
 from fovden.tracer import Scene, accumulate_reference, load_scene, make_scene, trace_frame
 
 __all__ = ["Settings", "main"]
-
-HALF_RESOLUTION_DEG = 2.3
-"""Eccentricity at which acuity is half of the fovea's: e2 of Geisler and Perry 1998."""
 
 SPONZA_POSES = (
     ((-11.5, 2.2, -0.4), (0, 3.4, 0)),
@@ -126,7 +124,7 @@ def pose_of(scene: Scene, camera: StereoCamera, settings: Settings, first_seed: 
     shown = reference.mean - frames[0].emission
     frames = [replace(frame, emission=torch.zeros_like(frame.emission)) for frame in frames]
     gaze = Gaze.center(views)
-    weight = (1 + eccentricity_degrees(gaze, views) / HALF_RESOLUTION_DEG) ** -2
+    weight = metrics.acuity_weight(views, gaze)
     return Pose(frames, shown.clamp(min=0), weight, views, gaze)
 
 

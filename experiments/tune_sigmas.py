@@ -7,7 +7,8 @@ found by a coarse grid for Base on the training frames of the first scene, befor
 Each filter is then fitted on the training frames of each scene, with several seeds, and judged on test frames: of that
 scene, and of the others. Poses and noise of training, held-out and test frames are disjoint.
 
-Learned are the widths of each layer (``sigmas``), or those of each pass and its kernel too (``passes``).
+Learned are the widths of each layer (``sigmas``), those of each pass and its kernel (``passes``), or, on from those, a
+small network that scales them at each pixel (``predicted``).
 
 All of it is done twice, with the filters on radiance as it is (``literal``) and on light without albedo
 (``demodulated``); the two have folders, widths by hand and tables of their own. A run that was interrupted goes on; the
@@ -34,7 +35,7 @@ from experiments.harness import run_script
 from fovden import metrics
 from fovden.comparison.methods import file_name
 from fovden.figures import draw_fitted, scores_of_fits
-from fovden.filters import NonHomogeneousAtrous
+from fovden.filters import Denoiser, NonHomogeneousAtrous, PredictedSigmas
 from fovden.foveation import ThreeLayer
 from fovden.frame import Frame, Reference
 from fovden.io import atomic_write
@@ -51,8 +52,8 @@ METHODS: Mapping[str, Callable[..., NonHomogeneousAtrous]] = {
 
 LIGHTS = {"literal": False, "demodulated": True}
 
-VARIANTS: Mapping[str, Mapping[str, Any]] = {"sigmas": {}, "passes": {"per_pass": True, "learn_kernel": True}}
-"""What is learned: options of the filters."""
+VARIANTS = ("sigmas", "passes", "predicted")
+"""What is learned. Fits of the last go on from those of ``passes``."""
 
 JUDGED = ("rmse", "psnr", "ssim", "flip")
 
@@ -73,6 +74,7 @@ class Settings:
         seeds: Number of fits, each with training frames and an order of its own.
         steps: Steps of a fit.
         learning_rate: Of Adam, for logarithms.
+        network_rate: Of Adam, for the weights of the network and all that it scales.
         patience: Evaluations, one in ten steps, without a new best after which a fit stops.
         grid: Values of the widths of radiance, normal and position that are tried by hand.
         error: Terms of the error that the grid and the fits make small.
@@ -91,6 +93,7 @@ class Settings:
     seeds: int = 3
     steps: int = 60
     learning_rate: float = 0.1
+    network_rate: float = 0.01
     patience: int = 3
     grid: tuple[tuple[float, ...], ...] = (
         (8, 16, 32, 64, 128),
@@ -172,37 +175,45 @@ def study(settings: Settings, light: str, folder: Path, frames: Frames) -> None:
     with Run(folder / light, {**kept, "light": light}) as run:
         with run.stage("grid"):
             hand = kept_by_hand(settings, frames, light, run.folder / "by_hand.json")
-        rows: dict[str, NonHomogeneousAtrous] = {
+        rows: dict[str, Denoiser] = {
             f"{name}, by hand": METHODS[name](**hand, demodulate=LIGHTS[light]) for name in METHODS
         }
         with run.stage("fit"):
             for scene in settings.scenes:
-                for name, seed, (variant, options) in itertools.product(
-                    METHODS, range(settings.seeds), VARIANTS.items()
-                ):
+                for name, seed, variant in itertools.product(METHODS, range(settings.seeds), VARIANTS):
                     row = f"{name}, {variant} of {scene}, seed {seed}"
                     say(f"{light}: {row}")
-                    rows[row] = METHODS[name](**hand, **options, demodulate=LIGHTS[light])
+                    rows[row] = unfitted(name, variant, hand, light, seed)
+                    if predicted := isinstance(rows[row], PredictedSigmas):
+                        rows[row].inner.load_state_dict(rows[f"{name}, passes of {scene}, seed {seed}"].state_dict())
                     fit(
                         rows[row],
                         frames(scene, "train", name, seed),
                         ImageError(settings.error),
                         held_out=frames(scene, "held_out", name),
                         steps=settings.steps,
-                        learning_rate=settings.learning_rate,
+                        learning_rate=settings.network_rate if predicted else settings.learning_rate,
                         patience=settings.patience,
                         seed=seed,
                         folder=run.folder / "fits" / file_name(row),
                     )
                 frames.forget("train")
         for row, denoiser in rows.items():
+            filters = denoiser.inner if isinstance(denoiser, PredictedSigmas) else denoiser
             run.measurements += [
-                Measurement("", 0, "", row, "whole", name, value) for name, value in readable(denoiser).items()
+                Measurement("", 0, "", row, "whole", name, value) for name, value in readable(filters).items()
             ]
         with run.stage("judge"):
             for scene in settings.scenes:
                 run.measurements += judge(frames, scene, rows)
     print(f"\n{light}\n{table(read_metrics(run.folder))}\nfigure: {draw_fitted(run.folder)}")
+
+
+def unfitted(name: str, variant: str, hand: Mapping[str, float], light: str, seed: int) -> Denoiser:
+    """Returns a filter with the widths by hand that has what a variant learns."""
+    learned = {} if variant == "sigmas" else {"per_pass": True, "learn_kernel": True}
+    filters = METHODS[name](**hand, **learned, demodulate=LIGHTS[light])
+    return PredictedSigmas(filters, seed=seed) if variant == "predicted" else filters
 
 
 def kept_by_hand(settings: Settings, frames: Frames, light: str, path: Path) -> dict[str, float]:
@@ -215,7 +226,7 @@ def kept_by_hand(settings: Settings, frames: Frames, light: str, path: Path) -> 
     return widths
 
 
-def judge(frames: Frames, scene: str, rows: Mapping[str, NonHomogeneousAtrous]) -> list[Measurement]:
+def judge(frames: Frames, scene: str, rows: Mapping[str, Denoiser]) -> list[Measurement]:
     """Returns the scores of the noisy frames and of the filters on the test frames of a scene, whole and by layer.
 
     Of what was fitted on other scenes, the first seed is judged. Scores are means over the eyes.

@@ -278,7 +278,8 @@ class Frame:
             >>> frame.radiance.dtype, frame.layer.dtype
             (torch.float64, torch.int32)
         """
-        return _map_tensors(self, lambda tensor: _move(tensor, *args, **kwargs))
+        moved = _map_tensors(self, lambda tensor: _move(tensor, *args, **kwargs))
+        return moved if self.warp is None else replace(moved, warp=self.warp.to(*args, **kwargs))
 
     @never_raising
     def _repr_html_(self) -> str:

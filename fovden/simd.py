@@ -30,6 +30,7 @@ __all__ = [
     "pointer_to",
     "prefetch",
     "splat",
+    "stack_doubles",
     "stack_floats",
     "stack_int32",
     "stack_words",
@@ -311,6 +312,9 @@ def _stack(numba_type: Any, llvm_type: Any) -> Any:
 
     return stack
 
+
+stack_doubles = _stack(types.float64, ir.DoubleType())
+"""``stack_doubles(n)``: n float64 on the stack, aligned to 64 bytes; n is a literal."""
 
 stack_floats = _stack(types.float32, F32)
 """``stack_floats(n)``: n float32 on the stack, aligned to 64 bytes; n is a literal."""

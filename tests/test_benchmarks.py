@@ -120,6 +120,14 @@ def test_a_warm_start_compiles_nothing(run):
     assert "warm, a full cache" in printed
 
 
+def test_mapping_agrees_with_torch(run):
+    results, printed = run("mapping", "--quick", "--resolution", "30", "26")
+    assert [each["raster"] for each in results] == ["visual-polar"] * 6 + ["log-polar"] * 6
+    for each in results:
+        assert each["difference"] < (0.01 if "read" in each["task"] else 1e-4)
+    assert "to the screen, and its gradient" in printed
+
+
 @needs("flip_evaluator")
 def test_flip_is_its_authors(run):
     results, _ = run("flip", "--quick", "--scene", "cornell_box", "--resolution", "32", "32")

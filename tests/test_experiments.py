@@ -15,6 +15,7 @@ learn_falloff = pytest.importorskip("experiments.learn_falloff", reason="not a c
 sampler_convergence = pytest.importorskip("experiments.sampler_convergence", reason="not a checkout")
 
 frame_sets = pytest.importorskip("experiments.frame_sets", reason="not a checkout")
+full_size = pytest.importorskip("experiments.full_size", reason="not a checkout")
 tune_sigmas = pytest.importorskip("experiments.tune_sigmas", reason="not a checkout")
 
 
@@ -78,20 +79,28 @@ def test_widths_are_tuned_and_judged_and_kept(tmp_path, capsys):
         scores = {(row.method, row.metric) for row in rows if row.scene == "atrium"}
         for method in (
             "Noisy, foveated", "Base, by hand", "NH3LD, by hand", "NH3LD, sigmas of atrium, seed 1",
-            "Base, passes of atrium, seed 0",
+            "Base, passes of atrium, seed 0", "NH3LD, predicted of atrium, seed 1",
         ):  # fmt: skip
             assert {(method, metric) for metric in ("rmse", "psnr", "ssim", "flip")} <= scores
         widths = {row.method: row.value for row in rows if row.metric == "edge_stopping.0.sigma_radiance"}
         assert any(widths["Base, by hand"] == pytest.approx(width) for width in settings.grid[0])
         assert draw_fitted(tmp_path / light).read_bytes() == (tmp_path / light / "fitted.png").read_bytes()
         found = scores_of_fits(rows)
-        assert len(found["atrium", "NH3LD, passes", "rmse"]) == settings.seeds
+        assert len(found["atrium", "NH3LD, predicted", "rmse"]) == settings.seeds
         own = [row.value for row in rows if (row.method, row.metric, row.region) == ("Base, by hand", "ssim", "whole")]
         assert found["atrium", "Base, by hand", "ssim"] == pytest.approx([sum(own) / 2])  # of two poses
     kept = {path: path.read_bytes() for path in (tmp_path / "literal" / "fits").rglob("checkpoint.safetensors")}
-    assert len(kept) == 8
+    assert len(kept) == 12
     tune_sigmas.run(settings, tmp_path)
     assert capsys.readouterr().out == tables
+    size = full_size.Settings(tmp_path, ("literal",), ("atrium",), (40, 40), 4, repeats=1)
+    full_size.run(size, tmp_path / "size")
+    rows = {(row.method, row.metric): row.value for row in read_metrics(tmp_path / "size" / "literal")}
+    for method in ("Base, by hand", "NH3LD, predicted of atrium, seed 0"):
+        assert {(method, metric) for metric in ("rmse", "flip", "seconds_trace", "seconds_denoise")} <= {
+            key for key in rows if key[0] == method
+        }
+    assert "NH3LD, predicted" in capsys.readouterr().out
     assert all(path.read_bytes() == content for path, content in kept.items())
 
 

@@ -10,14 +10,21 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from fovden.figures.style import FAINT, GRID, METHOD_STYLES, PRINT_WIDTH, SMALL, drawing, save_figure
+from fovden.figures.style import FAINT, GRID, INK, METHOD_STYLES, PRINT_WIDTH, SMALL, drawing, save_figure
 from fovden.metrics import METRICS
 from fovden.results import Measurement, read_metrics
 
 __all__ = ["draw_fitted", "scores_of_fits"]
 
 PANELS = ("rmse", "psnr", "ssim", "flip")
-WHAT = {"by hand": "none", "sigmas": "left", "passes": "full"}  # how much of the mark is filled
+WHAT: dict[str, dict[str, str]] = {
+    "by hand": {"fillstyle": "none"},
+    "sigmas": {"fillstyle": "left"},
+    "passes": {"fillstyle": "full"},
+    "predicted": {"fillstyle": "full", "markeredgecolor": INK},
+}
+"""What is learned, and its mark."""
+
 SPREAD = 0.8  # of a scene's column that its marks take
 
 
@@ -84,7 +91,7 @@ def draw_fitted(folder: str | os.PathLike[str]) -> Path:
         for panel, metric in zip(panels, metrics, strict=True):
             _draw_metric(panel, found, metric)
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=SMALL)
+        figure.legend(handles, labels, loc="outside lower center", ncols=8, frameon=False, fontsize=SMALL)
         save_figure(figure, path, 1.0)
     return path
 
@@ -108,8 +115,8 @@ def _draw_metric(panel: Any, found: dict[tuple[str, str, str], list[float]], met
             [max(each) - mean for mean, each in zip(means, filter(None, values), strict=True)],
         ]
         panel.errorbar(
-            places, means, yerr=bars, color=style.colour, marker=style.marker, fillstyle=WHAT[what], markersize=4,
-            markerfacecoloralt="white", linestyle="", linewidth=0.8, label=f"{name}, {what}",
+            places, means, yerr=bars, color=style.colour, marker=style.marker, markersize=4,
+            markerfacecoloralt="white", linestyle="", linewidth=0.8, label=f"{name}, {what}", **WHAT[what],
         )  # fmt: skip
     for place, scene in enumerate(scenes):
         for value in found.get((scene, "Base, by hand", metric), []):

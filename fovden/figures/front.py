@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from fovden.figures.style import FAINT, GRID, INK, PRINT_WIDTH, SMALL, drawing, method_style, save_figure
 from fovden.results import Measurement, read_metrics
@@ -20,6 +21,9 @@ TRIED = ("search", "search, acuity", "random", "grid")
 """Methods whose rows are settings of three layers that were tried."""
 
 PAPERS = ("Base", "NH2LD", "NH3LD")
+ROOM = 2.0
+"""How far the axis of times goes on to the left of the least, where labels of the front are written."""
+
 ERRORS = {"error": "all pixels alike", "error_acuity": "weighted by acuity"}
 
 
@@ -149,9 +153,10 @@ def _draw_trials(panel: Any, tried: Sequence[Trial], papers: Mapping[str, Sequen
     middle = sorted(trial.error for trial in tried)[len(tried) // 2]
     panel.set_ylim(least / 1.15, max(middle * 1.6, least * 2))
     shown = [trial.cost for trial in tried if trial.error <= panel.get_ylim()[1]]
-    panel.set_xlim(min(shown) / 1.15, max(shown) * 1.15)
+    panel.set_xlim(min(shown) / ROOM, max(shown) * 1.15)
     _label(panel, front, words)
     for axis in (panel.xaxis, panel.yaxis):
+        axis.set_minor_locator(LogLocator(subs=(2, 3, 4, 5, 6, 8)))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter("{x:g}")
     panel.tick_params(which="both", length=2)
@@ -172,7 +177,7 @@ def _label(panel: Any, front: Sequence[Trial], words: str, count: int = 6) -> No
             continue
         last = place
         text = words.format(levels=trial.setting["levels"].replace("-", " "), spp=trial.setting["spp"])
-        beside = {"xytext": (2, 3), "textcoords": "offset points"}
+        beside = {"xytext": (-3, -2), "textcoords": "offset points", "ha": "right", "va": "top"}
         panel.annotate(text, (trial.cost, trial.error), **beside, fontsize=SMALL - 1, color=FAINT)
 
 

@@ -7,6 +7,7 @@ Every member obeys :class:`Denoiser`. To add one: write it in a file of its own,
 :class:`Atrous`                the edge-avoiding à-trous filter (Dammertz et al. 2010), steps in any order
 :class:`NonHomogeneousAtrous`  the same with its own passes and widths in each foveation layer (2023 paper)
 :class:`PredictedSigmas`       either of them, with widths that a small network predicts at each pixel
+:class:`WarpedDenoiser`        any of them in the cells of a polar raster, and the way to the screen
 =============================  ==================================================================================
 """
 
@@ -18,6 +19,7 @@ from fovden.filters.holes import fill_holes
 from fovden.filters.nonhomogeneous import NonHomogeneousAtrous
 from fovden.filters.predicted import PredictedSigmas
 from fovden.filters.stack import TapKernel
+from fovden.filters.warped import WarpedDenoiser
 
 __all__ = [
     "Atrous",
@@ -28,6 +30,7 @@ __all__ = [
     "NonHomogeneousAtrous",
     "PredictedSigmas",
     "TapKernel",
+    "WarpedDenoiser",
     "atrous_pass",
     "fill_holes",
 ]

@@ -23,9 +23,10 @@ from fovden.filters.edge_stopping import (
 from fovden.filters.guided import GuidedDenoiser
 from fovden.filters.holes import fill_holes
 from fovden.filters.operator import run_passes
-from fovden.filters.passes import GuideCurve, Pass, PassOptions, begin, scale_widths
+from fovden.filters.passes import GuideCurve, Pass, PassOptions, begin, holes_of, scale_widths
 from fovden.filters.stack import TapKernel, hole_widths, plan_passes
 from fovden.filters.taps import Border, Sigma, Sigmas
+from fovden.foveation import Topology
 
 __all__ = ["Atrous", "atrous_pass"]
 
@@ -236,11 +237,13 @@ class Atrous(GuidedDenoiser):
         mask: Tensor | None = None,
         layer: Tensor | None = None,
         factors: Tensor | None = None,
+        topology: Topology | None = None,
     ) -> Tensor:
         """Returns the filtered radiance of plain tensors; see :meth:`fovden.filters.GuidedDenoiser.filter`.
 
         The layers are not used. ``factors``, shape (v, 3, h, w), positive, multiply the widths of radiance, normal and
-        position at each pixel, in each pass and where holes are filled. Differentiable in them too.
+        position at each pixel, in each pass and where holes are filled. Differentiable in them too. ``topology`` is the
+        polar raster that the pixels are cells of; ``None`` means the screen.
 
         Example:
             >>> flat = torch.zeros(1, 3, 4, 4)
@@ -251,8 +254,10 @@ class Atrous(GuidedDenoiser):
         if factors is not None:
             require_shapes("v 3 h w", radiance=radiance, factors=factors)
         passes = plan_passes(self.steps, self.edge_stopping, self.kernel)
-        state = run_passes(begin(radiance, mask), normal, position, passes, factors=factors, options=self.options)
-        if not torch.compiler.is_compiling() and bool(state.known.all()):
+        start = begin(radiance, mask, topology)
+        state = run_passes(start, normal, position, passes, factors=factors, options=self.options, topology=topology)
+        holes = holes_of(state, topology)
+        if not torch.compiler.is_compiling() and not bool(holes.any()):
             return state.image
         image = torch.where(state.known, state.image, 0)
         if not self.fill_holes:
@@ -260,12 +265,13 @@ class Atrous(GuidedDenoiser):
         widths = scale_widths(hole_widths(passes), factors)
         return fill_holes(
             image,
-            ~state.known,
+            holes,
             state.mask,
             normal,
             position,
             sigma_normal=widths.normal,
             sigma_position=widths.position,
+            topology=topology,
         )
 
     def extra_repr(self) -> str:

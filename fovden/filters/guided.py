@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -13,9 +14,10 @@ from fovden.color import demodulate, luminance, modulate
 from fovden.filters.base import Denoised, Denoiser
 from fovden.filters.edge_stopping import SIGMA_NORMAL, SIGMA_POSITION
 from fovden.filters.holes import fill_holes
+from fovden.foveation import Topology
 from fovden.frame import Frame
 
-__all__ = ["MISS_DISTANCE", "GuidedDenoiser", "length_unit", "radiance_unit"]
+__all__ = ["MISS_DISTANCE", "GuidedDenoiser", "cells_alone", "length_unit", "radiance_unit", "topology_of"]
 
 MISS_DISTANCE = 1e6
 """How far away a pixel that sees nothing is taken to lie, in median hit depths. Any width of position below a tenth of
@@ -62,6 +64,69 @@ def length_unit(depth: Tensor, hit: Tensor) -> Tensor:
     return torch.where(median > 0, median, 1)[:, None, None, None]
 
 
+def topology_of(frame: Frame) -> Topology | None:
+    """Returns which cells of a frame are neighbours; ``None`` for a frame on the screen.
+
+    Args:
+        frame: Any frame.
+
+    Returns:
+        The topology of its warp.
+
+    Raises:
+        ShapeError: If the frame has not the size of its raster.
+
+    Example:
+        >>> from fovden.frame import GBuffer
+        >>> topology_of(Frame.from_radiance(torch.ones(1, 3, 4, 4), GBuffer.empty(1, (4, 4)))) is None
+        True
+    """
+    topology: Topology | None = None if frame.warp is None else frame.warp.topology
+    if topology is not None:
+        topology.require(**{"frame.direct": frame.direct})
+    return topology
+
+
+def cells_alone(frame: Frame) -> Frame:
+    """Returns a frame in whose places that are no cells there is nothing: no light, no sample and no surface.
+
+    Args:
+        frame: Any frame.
+
+    Returns:
+        The frame, or the same one where all places are cells.
+
+    Differentiable: in the frame's tensors.
+
+    Example:
+        >>> from fovden import Gaze
+        >>> from fovden.foveation import VisualPolarWarp
+        >>> from fovden.frame import GBuffer
+        >>> warp = VisualPolarWarp(Gaze(torch.tensor([[3.0, 2.0]])), (4, 6), (4, 8))
+        >>> frame = replace(Frame.from_radiance(torch.ones(1, 3, 4, 8), GBuffer.empty(1, (4, 8))), warp=warp)
+        >>> cells_alone(frame).mask[0, 0].int().sum(0), warp.heights
+        (tensor([2, 4, 4, 4, 4, 4, 4, 4]), tensor([2, 4, 4, 4, 4, 4, 4, 4]))
+    """
+    topology = topology_of(frame)
+    if topology is None or bool(topology.exists.all()):
+        return frame
+
+    def keep(tensor: Tensor, other: float = 0) -> Tensor:
+        return torch.where(topology.exists, tensor, other)
+
+    return replace(
+        frame,
+        direct=keep(frame.direct),
+        indirect=keep(frame.indirect),
+        emission=keep(frame.emission),
+        counts=keep(frame.counts),
+        luminance_squared=keep(frame.luminance_squared),
+        layer=keep(frame.layer),
+        weight=None if frame.weight is None else keep(frame.weight),
+        gbuffer=replace(frame.gbuffer, prim=keep(frame.gbuffer.prim, -1)),
+    )
+
+
 class GuidedDenoiser(Denoiser):
     """A spatial denoiser that a G-buffer guides; a member of the family writes ``filter`` alone.
 
@@ -76,6 +141,11 @@ class GuidedDenoiser(Denoiser):
     With ``demodulate`` light without emission is divided by the albedo, filtered, and multiplied again, so that
     textures survive; emission is added afterwards as it was. A pixel without samples has no emission of its own and
     takes the mean of sampled taps that see the same triangle, or else of those like it in geometry.
+
+    A frame in the cells of a polar raster is filtered there: what pixels and their neighbours are to the filter, cells
+    and theirs are (:class:`fovden.foveation.Topology`). Units are then means and medians over cells, of which there are
+    more near the gaze. The image is in cells, and 0 where there is none (:class:`fovden.filters.WarpedDenoiser` has the
+    way to the screen).
 
     Args:
         relative: Whether to use the view's own units; if not, widths are in the frame's radiance and metres.
@@ -108,6 +178,8 @@ class GuidedDenoiser(Denoiser):
         layer: Tensor | None = None,
     ) -> Tensor:
         """Returns the filtered radiance of plain tensors, in whatever units they are.
+
+        A member that can filter in polar rasters takes ``topology`` too, a keyword that is given for frames in one.
 
         Args:
             radiance: Radiance, shape (v, 3, h, w). Where the mask is 0 it matters to the mask's derivative alone.
@@ -146,6 +218,7 @@ class GuidedDenoiser(Denoiser):
             >>> round(light.mean().item(), 4), round(unit.item(), 4)
             (1.0, 2.0)
         """
+        frame = cells_alone(frame)
         albedo = torch.where(frame.gbuffer.hit, frame.gbuffer.albedo, 1)
         light = demodulate(frame.direct + frame.indirect, albedo) if self.demodulate else frame.radiance
         unit = radiance_unit(light, frame.mask) if self.relative else torch.ones_like(light[:, :1, :1, :1])
@@ -165,7 +238,8 @@ class GuidedDenoiser(Denoiser):
 
         Raises:
             ValueError: If radiance is negative or not finite anywhere, a guide is not finite where a surface is
-                seen, or ``seam`` asks for pairs of an odd number of views.
+                seen, or ``seam`` asks for pairs of an odd number of views, or of rasters that are no screens.
+            TypeError: If the frame is in a polar raster and ``filter`` takes no topology.
 
         Differentiable: in the frame's light, albedo, normal and position, in the parameters and the factors.
 
@@ -177,6 +251,7 @@ class GuidedDenoiser(Denoiser):
             tensor(0.5000, grad_fn=<MeanBackward0>)
         """
         del history
+        frame, topology = cells_alone(frame), topology_of(frame)
         for part in ("direct", "indirect", "emission"):
             require_finite(f"frame.radiance ({part})", getattr(frame, part), minimum=0)
         hit, mask = frame.gbuffer.hit, frame.mask
@@ -188,19 +263,22 @@ class GuidedDenoiser(Denoiser):
         light, unit = self.light(frame)
         guides = (normal, position if self.relative else position * length)
         inputs = [light, *guides, mask, frame.layer]
-        extra = {} if factors is None else {"factors": factors}
+        extra: dict[str, Any] = {} if factors is None else {"factors": factors}
         if self.seam:
+            require(topology is None, "seam", True, "False in a polar raster, whose eyes have no common border")
             inputs = [_join_views(tensor) for tensor in inputs]
             extra = {name: _join_views(tensor) for name, tensor in extra.items()}
+        if topology is not None:
+            extra["topology"] = topology
         filtered = self.filter(*inputs, **extra)
         image = (_part_views(filtered) if self.seam else filtered) * unit
         if self.demodulate:
             albedo = torch.where(hit, frame.gbuffer.albedo, 1)
-            image = modulate(image, albedo) + _fill_emission(frame, normal, position)
+            image = modulate(image, albedo) + _fill_emission(frame, normal, position, topology)
         return Denoised(image)
 
 
-def _fill_emission(frame: Frame, normal: Tensor, position: Tensor) -> Tensor:
+def _fill_emission(frame: Frame, normal: Tensor, position: Tensor, topology: Topology | None) -> Tensor:
     """The emission, also where no path was traced; positions are in median hit depths, as the widths are."""
     sampled = frame.mask > 0
     emission = torch.where(sampled, frame.emission, 0)
@@ -208,13 +286,14 @@ def _fill_emission(frame: Frame, normal: Tensor, position: Tensor) -> Tensor:
         return emission
     return fill_holes(
         emission,
-        ~sampled,
+        ~sampled if topology is None else ~sampled & topology.exists,
         frame.mask,
         normal,
         position,
         sigma_normal=SIGMA_NORMAL,
         sigma_position=SIGMA_POSITION,
         label=frame.gbuffer.prim,
+        topology=topology,
     )
 
 

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from fovden.filters.taps import B3_SPLINE, SMALLEST_EXPONENT, SMALLEST_TOTAL, Sigma
+from fovden.foveation import Topology
 
 __all__ = ["fill_holes"]
 
@@ -28,6 +29,7 @@ def fill_holes(
     sigma_normal: Sigma,
     sigma_position: Sigma,
     label: Tensor | None = None,
+    topology: Topology | None = None,
 ) -> Tensor:
     """Returns the image with its holes filled by the mean of sampled taps around them.
 
@@ -35,6 +37,9 @@ def fill_holes(
     up to the image's size. Weights are those of :func:`fovden.filters.atrous_pass` without the radiance term. What is
     still a hole then goes through the same steps again with weights ``kernel * mask`` alone. A hole that was filled
     may be read by the larger steps that follow, so that none is left in a view that has any sample.
+
+    In a polar raster taps are neighbours in its topology. What lies far from all samples there may not be reached at
+    any step, since steps go at a constant angle from rows to rows of other heights; the last round is then run again.
 
     Args:
         image: Image, shape (v, c, h, w).
@@ -46,6 +51,7 @@ def fill_holes(
         sigma_position: Width of position, the same way.
         label: If given, shape (v, 1, h, w): a first round of steps reads taps with the pixel's own label only, with
             weights ``kernel * mask``.
+        topology: The polar raster that the pixels are cells of; ``None`` means the screen. Only cells may be holes.
 
     Returns:
         The image; pixels that are no holes, and holes in a view without any sample, are as they were.
@@ -62,9 +68,10 @@ def fill_holes(
     """
     if torch.compiler.is_compiling():
         widths = [torch.as_tensor(sigma, dtype=image.dtype) for sigma in (sigma_normal, sigma_position)]
-        filled: Tensor = _fill_holes_operator(image, holes, mask, normal, position, *widths, label)
+        polar = (None, False) if topology is None else (topology.heights, topology.rotate)
+        filled: Tensor = _fill_holes_operator(image, holes, mask, normal, position, *widths, label, *polar)
         return filled
-    return _fill_holes(image, holes, mask, normal, position, sigma_normal, sigma_position, label)
+    return _fill_holes(image, holes, mask, normal, position, sigma_normal, sigma_position, label, topology)
 
 
 def _fill_holes(
@@ -76,19 +83,21 @@ def _fill_holes(
     sigma_normal: Sigma,
     sigma_position: Sigma,
     label: Tensor | None,
+    topology: Topology | None,
 ) -> Tensor:
     size, dtype = max(image.shape[-2:]), image.dtype
     steps = [2**k for k in range(size.bit_length()) if 2**k < size]
     view, _, y, x = holes.nonzero(as_tuple=True)
     if view.numel() == 0:
         return image
-    image, mask = image.clone(), mask.to(image.dtype).expand_as(holes) * ~holes
+    readable = ~holes if topology is None else ~holes & topology.exists
+    image, mask = image.clone(), mask.to(image.dtype).expand_as(holes) * readable
     reachable = (mask > 0).flatten(1).any(1)[view]
     view, y, x = view[reachable], y[reachable], x[reachable]
 
-    for stage in ("label", "geometry", "mask"):
-        if stage == "label" and label is None:
-            continue
+    rounds = ["geometry", "mask"] if label is None else ["label", "geometry", "mask"]
+    for stage in rounds:
+        left = view.numel()
         for step in steps:
             if view.numel() == 0:
                 return image
@@ -103,9 +112,8 @@ def _fill_holes(
             weighted = image.new_zeros(view.numel(), image.shape[1])
             for i in range(5):
                 for j in range(5):
-                    ty, tx = y + (i - 2) * step, x + (j - 2) * step
-                    inside = (ty >= 0) & (ty < image.shape[2]) & (tx >= 0) & (tx < image.shape[3])
-                    at = (view, ty.clamp(0, image.shape[2] - 1), tx.clamp(0, image.shape[3] - 1))
+                    ty, tx, inside = _step(image, y, x, (i - 2) * step, (j - 2) * step, topology)
+                    at = view, ty, tx
                     weight = B3_SPLINE[i] * B3_SPLINE[j] * read(mask, *at) * inside[:, None]
                     if stage == "label" and label is not None:
                         weight = weight * (read(label) == read(label, *at))
@@ -121,7 +129,21 @@ def _fill_holes(
             image[filled] = weighted[found] / total[found]
             mask[filled] = 1
             view, y, x = view[~found], y[~found], x[~found]
+        if topology is not None and stage == "mask" and view.numel() < left:
+            rounds.append("mask")
     return image
+
+
+def _step(
+    image: Tensor, y: Tensor, x: Tensor, dy: int, dx: int, topology: Topology | None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Rows and columns of the taps of some pixels, and whether they count."""
+    if topology is not None:
+        tx, ty = topology.neighbour(torch.stack([x, y], dim=-1), dx, dy).unbind(-1)
+        return ty, tx, torch.ones_like(tx, dtype=torch.bool)
+    ty, tx = y + dy, x + dx
+    inside = (ty >= 0) & (ty < image.shape[2]) & (tx >= 0) & (tx < image.shape[3])
+    return ty.clamp(0, image.shape[2] - 1), tx.clamp(0, image.shape[3] - 1), inside
 
 
 @torch.library.custom_op("fovden::fill_holes", mutates_args=())
@@ -134,8 +156,11 @@ def _fill_holes_operator(
     sigma_normal: Tensor,
     sigma_position: Tensor,
     label: Tensor | None,
+    heights: Tensor | None,
+    rotate: bool,
 ) -> Tensor:
-    return _fill_holes(image, holes, mask, normal, position, sigma_normal, sigma_position, label).clone()
+    topology = None if heights is None else Topology(heights, image.shape[2], rotate)
+    return _fill_holes(image, holes, mask, normal, position, sigma_normal, sigma_position, label, topology).clone()
 
 
 @_fill_holes_operator.register_fake
@@ -154,13 +179,17 @@ def _fill_holes_backward(
     sigma_normal: Tensor,
     sigma_position: Tensor,
     label: Tensor | None,
+    heights: Tensor | None,
+    rotate: bool,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
     sigmas = sigma_normal, sigma_position
+    topology = None if heights is None else Topology(heights, image.shape[2], rotate)
 
     def differentiate() -> tuple[Tensor, ...]:
         tensors = image, mask, normal, position, *sigmas
         leaves = [each.detach().to(image.dtype).requires_grad_() for each in tensors]
-        filled = _fill_holes(leaves[0], holes, leaves[1], leaves[2], leaves[3], leaves[4], leaves[5], label)
+        colour, weight, n, x, *widths = leaves
+        filled = _fill_holes(colour, holes, weight, n, x, widths[0], widths[1], label, topology)
         return torch.autograd.grad(filled, leaves, gradient, materialize_grads=True)
 
     # Inside an operator PyTorch records nothing for a derivative; in another thread it does.
@@ -170,18 +199,19 @@ def _fill_holes_backward(
 
 
 @_fill_holes_backward.register_fake
-def _(_: Tensor, image: Tensor, __: Tensor, *others: Tensor) -> tuple[Tensor, ...]:
+def _(_: Tensor, image: Tensor, __: Tensor, *others: Any) -> tuple[Tensor, ...]:
     return tuple(image.new_empty(each.shape) for each in (image, *others[:5]))
 
 
 def _remember(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
     del output
-    ctx.save_for_backward(*inputs)
+    *tensors, ctx.rotate = inputs
+    ctx.save_for_backward(*tensors)
 
 
 def _backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-    image, *others = _fill_holes_backward(gradient, *ctx.saved_tensors)
-    return image, None, *others, None
+    image, *others = _fill_holes_backward(gradient, *ctx.saved_tensors, ctx.rotate)
+    return image, None, *others, None, None, None
 
 
 _fill_holes_operator.register_autograd(_backward, setup_context=_remember)

@@ -6,19 +6,24 @@ import torch
 from torch import Tensor
 
 from fovden.checks import require_shapes
+from fovden.foveation import Topology
 
 __all__ = ["nearest_sampled"]
 
 
-def nearest_sampled(mask: Tensor) -> Tensor:
+def nearest_sampled(mask: Tensor, topology: Topology | None = None) -> Tensor:
     """Returns, for each pixel, the index of the sampled pixel at the least Euclidean distance.
 
     Exact: the nearest one of each column first, then the least of x^2 + y^2 over the columns, outwards, until no
     farther column can win. Of several at the same distance the one in the nearest column is taken, then the left
     one, then the upper one.
 
+    In a polar raster the distance is that in columns and rows of the raster with its short columns stretched, around
+    the circle, but not across the gaze.
+
     Args:
         mask: Non-zero where sampled, shape (v, 1, h, w).
+        topology: The polar raster that the pixels are cells of; ``None`` means the screen.
 
     Returns:
         Indices y w + x, int64, shape (v, 1, h, w); a pixel's own in a view without any sample.
@@ -30,6 +35,10 @@ def nearest_sampled(mask: Tensor) -> Tensor:
         tensor([[[[0, 0, 3, 3]]]])
     """
     require_shapes("v 1 h w", mask=mask)
+    if topology is not None:
+        turns = torch.cat([topology.expand(mask)] * 3, dim=-2)  # the circle once more on either side
+        found = nearest_sampled(turns)[..., topology.rows : 2 * topology.rows, :] % (topology.rows * topology.columns)
+        return topology.collapse(topology.nearest(found))
     height, width = mask.shape[-2:]
     sampled = mask != 0
     far = 2 * (height + width)

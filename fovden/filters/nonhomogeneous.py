@@ -41,12 +41,14 @@ from fovden.filters.passes import (
     State,
     UnsampledGuide,
     begin,
+    holes_of,
     paste,
     require_choice,
     scale_widths,
 )
 from fovden.filters.stack import TapKernel, hole_widths, plan_passes
 from fovden.filters.taps import Border, Sigmas
+from fovden.foveation import Topology
 
 __all__ = ["LEVELS", "NonHomogeneousAtrous"]
 
@@ -114,7 +116,8 @@ class NonHomogeneousAtrous(GuidedDenoiser):
     - F9, what a layer reads of the others, ``layers``: ``"sequential"``, inner layers filtered and outer ones raw;
       ``"snapshot"``, all others raw; ``"interleaved"``, level by level: all layers that have a step run it on the
       same image, the largest step first.
-    - F10, taps outside the image, ``border``: ``"skip"``; ``"clamp"`` reads the nearest pixel of the edge.
+    - F10, taps outside the image, ``border``: ``"skip"``; ``"clamp"`` reads the nearest pixel of the edge. Polar
+      rasters have borders of their own (:class:`fovden.foveation.Topology`).
     - F11, taps across the border between the eyes, ``seam``: ``False``, never; ``True`` filters each pair of views
       as one image, side by side, as the paper's single texture would.
     - F12, how the width of radiance shrinks, ``schedule`` and ``sigma_by``: halved with each pass
@@ -271,11 +274,13 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         mask: Tensor | None = None,
         layer: Tensor | None = None,
         factors: Tensor | None = None,
+        topology: Topology | None = None,
     ) -> Tensor:
         """Returns the filtered radiance of plain tensors; see :meth:`fovden.filters.GuidedDenoiser.filter`.
 
         ``factors``, shape (v, 3, h, w), positive, multiply the widths of radiance, normal and position at each pixel,
-        in each pass and where holes are filled. Differentiable in them too.
+        in each pass and where holes are filled. Differentiable in them too. ``topology`` is the polar raster that the
+        pixels are cells of; ``None`` means the screen.
 
         Raises:
             ValueError: If a layer is negative.
@@ -292,8 +297,10 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         if factors is not None:
             require_shapes("v 3 h w", radiance=radiance, factors=factors)
         stacks = [self._passes(index) for index in range(len(self.levels))]
-        run = partial(run_passes, normal=n, position=x, region=layer, factors=factors, options=self.options)
-        start = begin(c, b)
+        run = partial(
+            run_passes, normal=n, position=x, region=layer, factors=factors, options=self.options, topology=topology
+        )
+        start = begin(c, b, topology)
         if self.layers == "snapshot":
             state = start
             for index, passes in enumerate(stacks):
@@ -301,7 +308,7 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         else:
             order = _in_turn if self.layers == "sequential" else _interleave
             state = run(start, passes=order(stacks))
-        return self._fill(state, n, x, layer, stacks, factors)
+        return self._fill(state, n, x, layer, stacks, factors, topology)
 
     def _passes(self, index: int) -> list[Pass]:
         """A layer's passes, in the order in which they run, each on a level of its own."""
@@ -319,8 +326,10 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         layer: Tensor,
         stacks: Sequence[Sequence[Pass]],
         factors: Tensor | None,
+        topology: Topology | None,
     ) -> Tensor:
-        if not torch.compiler.is_compiling() and bool(state.known.all()):
+        holes = holes_of(state, topology)
+        if not torch.compiler.is_compiling() and not bool(holes.any()):
             return state.image
         image = torch.where(state.known, state.image, 0)
         if self.options.mask_at == "center" or not self.fill_holes:
@@ -331,12 +340,13 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         widths = scale_widths(widths, factors)
         return fill(
             image,
-            ~state.known,
+            holes,
             state.mask,
             normal,
             position,
             sigma_normal=widths.normal,
             sigma_position=widths.position,
+            topology=topology,
         )
 
     def _layer_of(self, radiance: Tensor, layer: Tensor | None) -> Tensor:

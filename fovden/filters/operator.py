@@ -19,6 +19,7 @@ from fovden.checks import require
 from fovden.filters.fused import Blended, Inputs, blend_stack, return_gradients
 from fovden.filters.passes import Pass, PassOptions, State, compose
 from fovden.filters.taps import Sigmas
+from fovden.foveation import Topology
 
 __all__ = ["run_passes"]
 
@@ -227,6 +228,7 @@ def run_passes(
     region: Tensor | None = None,
     factors: Tensor | None = None,
     options: PassOptions,
+    topology: Topology | None = None,
 ) -> State:
     """Returns the state after a stack of passes: fused where that is possible, composed of torch operations elsewhere.
 
@@ -243,6 +245,8 @@ def run_passes(
         factors: What the widths of radiance, normal and position are multiplied by at each pixel, positive,
             shape (v, 3, h, w); ``None`` means 1.
         options: Readings of the weights.
+        topology: The polar raster that the pixels are cells of, composed of torch operations; ``None`` means the
+            screen.
 
     Returns:
         The state after.
@@ -260,6 +264,8 @@ def run_passes(
     """
     if not passes:
         return state
+    if topology is not None:
+        return _run_in_polar_raster(state, normal, position, passes, region, factors, options, topology)
     if not _can_fuse(state, passes, options):
         return compose(state, normal, position, passes, region=region, factors=factors, options=options)
     image, mask, known, first = state
@@ -299,6 +305,20 @@ def run_passes(
     )
     known = known | filled if options.unsampled_guide == "literal" else filled  # else the operator has both
     return State(after, next_mask if options.fill else mask, known, first)
+
+
+def _run_in_polar_raster(
+    state: State,
+    normal: Tensor,
+    position: Tensor,
+    passes: Sequence[Pass],
+    region: Tensor | None,
+    factors: Tensor | None,
+    options: PassOptions,
+    topology: Topology,
+) -> State:
+    """The same in a polar raster, whose passes are all composed."""
+    return compose(state, normal, position, passes, region=region, factors=factors, options=options, topology=topology)
 
 
 def _can_fuse(state: State, passes: Sequence[Pass], options: PassOptions) -> bool:

@@ -12,6 +12,7 @@ from torch import Tensor
 from fovden.checks import require
 from fovden.filters.nearest import nearest_sampled
 from fovden.filters.taps import Border, Sigmas, blend_taps
+from fovden.foveation import Topology
 
 __all__ = [
     "GuideCurve",
@@ -24,6 +25,7 @@ __all__ = [
     "advance",
     "begin",
     "compose",
+    "holes_of",
     "paste",
     "scale_widths",
 ]
@@ -111,22 +113,46 @@ def require_choice(name: str, value: object, literal: object) -> None:
     require(value in choices, name, repr(value), f"one of {', '.join(map(repr, choices))}")
 
 
-def begin(radiance: Tensor, mask: Tensor | None) -> State:
+def begin(radiance: Tensor, mask: Tensor | None, topology: Topology | None = None) -> State:
     """Returns the state before the first pass: what is sampled is known.
+
+    Places of a polar raster that are no cells are black, weigh nothing and are not known, whatever they held.
 
     Args:
         radiance: The noisy radiance, shape (v, 3, h, w).
         mask: Weight of each pixel as a tap, shape (v or 1, 1, h, w); ``None`` means 1.
+        topology: The polar raster; ``None`` means the screen.
 
     Returns:
         The state.
+
+    Raises:
+        ShapeError: If the image does not fit the topology.
 
     Example:
         >>> begin(torch.ones(1, 3, 2, 2), torch.eye(2)[None, None]).known.sum()
         tensor(2)
     """
     mask = torch.ones_like(radiance[:, :1]) if mask is None else mask.to(radiance.dtype).expand_as(radiance[:, :1])
+    if topology is not None:
+        topology.require(radiance=radiance)
+        radiance, mask = torch.where(topology.exists, radiance, 0), torch.where(topology.exists, mask, 0)
     return State(radiance, mask, mask > 0, radiance)
+
+
+def holes_of(state: State, topology: Topology | None = None) -> Tensor:
+    """Returns which pixels, or cells, have no value yet: bool, shape (v, 1, h, w).
+
+    Args:
+        state: The state after the last pass.
+        topology: The polar raster; ``None`` means the screen.
+
+    Example:
+        >>> holes_of(begin(torch.ones(1, 3, 2, 2), torch.eye(2)[None, None]))[0, 0]
+        tensor([[False,  True],
+                [ True, False]])
+    """
+    return ~state.known if topology is None else ~state.known & topology.exists
 
 
 def paste(region: Tensor, new: State, old: State) -> State:
@@ -176,6 +202,7 @@ def compose(
     region: Tensor | None = None,
     factors: Tensor | None = None,
     options: PassOptions,
+    topology: Topology | None = None,
 ) -> State:
     """Returns the state after a stack of passes, by torch operations: for any device and precision, and slowly.
 
@@ -187,6 +214,8 @@ def compose(
         region: Labels, integers, shape (v or 1, 1, h, w); ``None`` means 0 everywhere.
         factors: What the widths of radiance, normal and position are multiplied by at each pixel, shape (v, 3, h, w).
         options: Readings of the weights.
+        topology: The polar raster that the pixels are cells of; ``None`` means the screen. What is not a cell is
+            neither read nor written.
 
     Returns:
         The state after.
@@ -205,8 +234,9 @@ def compose(
         sigmas = scale_widths(each.sigmas, factors)
         own = None if region is None else region == each.label
         new = advance(
-            before, normal, position, step=each.step, sigmas=sigmas, region=own, kernel=each.kernel, options=options
-        )
+            before, normal, position, step=each.step, sigmas=sigmas, region=own, kernel=each.kernel, options=options,
+            topology=topology,
+        )  # fmt: skip
         state = new if own is None else paste(own, new, state)
     return state
 
@@ -221,6 +251,7 @@ def advance(
     region: Tensor | None = None,
     kernel: Tensor | None = None,
     options: PassOptions,
+    topology: Topology | None = None,
 ) -> State:
     """Returns the state after one pass over a region; outside of it nothing changes.
 
@@ -233,6 +264,7 @@ def advance(
         region: Where to filter, bool, shape (v or 1, 1, h, w); ``None`` means everywhere.
         kernel: Positive weights, shape (5, 5); ``None`` means the B3 spline.
         options: Readings of the weights.
+        topology: The polar raster; ``None`` means the screen.
 
     Returns:
         The state after.
@@ -253,8 +285,10 @@ def advance(
         dropped = None
     elif options.unsampled_guide == "nearest":
         dropped = None
-        index = nearest_sampled(mask).expand_as(guide).flatten(2)
+        index = nearest_sampled(mask, topology).expand_as(guide).flatten(2)
         centre = torch.where(known, guide, guide.flatten(2).gather(2, index).view_as(guide))
+    if topology is not None:
+        region = topology.exists if region is None else region & topology.exists
     if options.mask_at == "center":
         region = mask > 0 if region is None else region & (mask > 0)
     blend = blend_taps(
@@ -270,6 +304,7 @@ def advance(
         guide=None if guide is image else guide,
         centre=None if centre is guide else centre,
         border=options.border,
+        topology=topology,
     )
     first = torch.where(blend.filled & ~known, blend.image, first) if options.guide == "input" else first
     if options.fill:

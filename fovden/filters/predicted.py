@@ -16,14 +16,15 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import avg_pool2d
+from torch.nn.functional import avg_pool2d, conv2d
 
 from fovden.checks import require_integer
 from fovden.color import luminance
 from fovden.filters.atrous import Atrous
 from fovden.filters.base import Denoised, Denoiser
-from fovden.filters.guided import length_unit
+from fovden.filters.guided import cells_alone, length_unit, topology_of
 from fovden.filters.nonhomogeneous import NonHomogeneousAtrous
+from fovden.foveation import Topology
 from fovden.frame import Frame
 
 __all__ = ["LARGEST_LOG_FACTOR", "PredictedSigmas", "local_features"]
@@ -55,12 +56,16 @@ def local_features(frame: Frame, light: Tensor) -> Tensor:
     standard deviation of l over the sampled pixels of a window of 7 x 7, and which part of it is sampled. Whatever a
     pixel does not have is 0.
 
+    In a polar raster a pixel is a cell. Columns with fewer rows are first stretched to all of them, each by its nearest
+    cell at the same angle, so that windows are rectangles; they go around the circle, and read the outermost column
+    again beyond the rim, and the first one, or the other side, beyond the gaze.
+
     Args:
         frame: The noisy frame.
         light: Its light in the units of the filter, not negative, shape (v, 3, h, w).
 
     Returns:
-        Shape (v, 14, h, w), the type of ``light``, finite.
+        Shape (v, 14, h, w), the type of ``light``, finite; in a polar raster, of its stretched columns.
 
     Differentiable: in the light, the mask and the G-buffer.
 
@@ -71,30 +76,34 @@ def local_features(frame: Frame, light: Tensor) -> Tensor:
         >>> features.shape, features[0, -3:, 4, 4]
         (torch.Size([2, 14, 8, 8]), tensor([0.0155, 0.0010, 1.0000]))
     """
+    frame, topology = cells_alone(frame), topology_of(frame)
     g, hit, mask = frame.gbuffer, frame.gbuffer.hit, frame.mask
     depth = torch.where(hit, g.depth / length_unit(g.depth, hit), 1).clamp(min=torch.finfo(torch.float32).tiny).log()
-    level = mask * (luminance(light) + DARK).log()
+    logarithm = (luminance(light) + DARK).log()
+
+    def stretch(plane: Tensor) -> Tensor:
+        return plane if topology is None else topology.expand(plane)
 
     def around(plane: Tensor) -> Tensor:
-        """The mean over the window, of which what lies outside the image counts as not sampled."""
+        """The mean over the window, of which what lies outside the screen counts as not sampled."""
+        if topology is not None:
+            return avg_pool2d(topology.pad(plane, WINDOW // 2), WINDOW, stride=1)
         return avg_pool2d(plane, WINDOW, stride=1, padding=WINDOW // 2)
 
+    level, mask, square = (stretch(plane) for plane in (mask * logarithm, mask, mask * logarithm.square()))
     share = around(mask)
     mean = around(level) / (share + SMALLEST_SHARE)
-    square = around(mask * (luminance(light) + DARK).log().square()) / (share + SMALLEST_SHARE)
+    square = around(square) / (share + SMALLEST_SHARE)
     deviation = ((square - mean.square()).clamp(min=0) + SMALLEST_VARIANCE).sqrt()
-    planes = [
+    own = [
         torch.where(hit, g.normal, 0),
         depth,
         torch.where(hit, g.albedo, 0),
         hit,
         1 / (1 + frame.layer),
         frame.counts.log1p(),
-        level,
-        mean,
-        deviation,
-        share,
     ]
+    planes = [stretch(torch.cat([plane.to(light.dtype) for plane in own], 1)), level, mean, deviation, share]
     return torch.cat([plane.to(light.dtype) for plane in planes], 1)
 
 
@@ -111,7 +120,8 @@ class PredictedSigmas(Denoiser):
     with the inner denoiser's parameters. Its weights are drawn from a seed; the global random state is left alone.
 
     The network sees the units of the filter inside: with ``relative`` exposure and the unit of length do not matter.
-    It never reads across views, also where ``seam`` joins them for the filter. Pixels outside the image are 0 to it.
+    It never reads across views, also where ``seam`` joins them for the filter. Pixels outside the screen are 0 to it. A
+    polar raster, whose features have no seam, is continued in each layer as the features are.
 
     Args:
         inner: The filter; it becomes a part of this module.
@@ -165,7 +175,9 @@ class PredictedSigmas(Denoiser):
         """
         light, _ = self.inner.light(frame)
         features = local_features(frame, light)
-        raw: Tensor = self.network(features.to(next(self.network.parameters()).dtype)).to(light.dtype)
+        topology = topology_of(frame)
+        raw = _convolve(self.network, features.to(next(self.network.parameters()).dtype), topology).to(light.dtype)
+        raw = raw if topology is None else topology.collapse(raw)
         return (LARGEST_LOG_FACTOR * (raw / LARGEST_LOG_FACTOR).tanh()).exp()
 
     def forward(self, frame: Frame, history: Any = None) -> Denoised:
@@ -197,6 +209,19 @@ class PredictedSigmas(Denoiser):
             'channels=8'
         """
         return f"channels={self.channels}"
+
+
+def _convolve(network: nn.Sequential, features: Tensor, topology: Topology | None) -> Tensor:
+    """The network's output; in a polar raster, of stretched columns, without its padding by 0."""
+    if topology is None:
+        out: Tensor = network(features)
+        return out
+    for layer in network:
+        if isinstance(layer, nn.Conv2d):
+            features = conv2d(topology.pad(features, 1), layer.weight, layer.bias)
+        else:
+            features = layer(features)
+    return features
 
 
 def _network(channels: tuple[int, ...], seed: int) -> nn.Sequential:

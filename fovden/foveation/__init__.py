@@ -18,7 +18,16 @@ from fovden.foveation.falloffs import (
 from fovden.foveation.mask import mask_numbers
 from fovden.foveation.sample_map import SampleMap, sample_map, uniform_map
 from fovden.foveation.soft_mask import relaxed_mask, thinned
-from fovden.warps import LogPolarWarp, PolarWarp, ScreenWarp, VisualPolarWarp, Warp, eccentricity_blur
+from fovden.warps import (
+    LogPolarWarp,
+    PolarWarp,
+    ScreenWarp,
+    Topology,
+    VisualPolarWarp,
+    Warp,
+    eccentricity_blur,
+    warp_at_budget,
+)
 
 __all__ = [
     "Acuity",
@@ -41,6 +50,7 @@ __all__ = [
     "ScreenWarp",
     "TableAcuity",
     "ThreeLayer",
+    "Topology",
     "VisualPolarWarp",
     "Warp",
     "add_differences",
@@ -55,4 +65,5 @@ __all__ = [
     "select_exactly",
     "thinned",
     "uniform_map",
+    "warp_at_budget",
 ]

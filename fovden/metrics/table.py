@@ -65,7 +65,7 @@ class Score(NamedTuple):
     Attributes:
         method: Name of the image.
         view: Number of the view; 0 is the left eye.
-        region: ``"whole"``, or ``"layer 0"`` and so on.
+        region: ``"whole"``, ``"layer 0"`` and so on, or the name of a weight map.
         metric: Name of the metric.
         value: Its value.
 
@@ -115,7 +115,7 @@ class Comparison:
 
     @property
     def regions(self) -> tuple[str, ...]:
-        """Names of the regions, the whole image first."""
+        """Names of the regions: the whole image, layers, weights."""
         return tuple(sorted({score.region for score in self.scores}, key=_region_order))
 
     @property
@@ -220,10 +220,11 @@ def compare(
     layer: Tensor | None = None,
     exposure: float | None = None,
     *,
+    weights: Mapping[str, Tensor] | None = None,
     subtract_noise: bool = True,
     pixels_per_degree: float = PIXELS_PER_DEGREE,
 ) -> Comparison:
-    """Returns the scores of images against a reference, in every view, over the whole image and in each layer.
+    """Returns the scores of images against a reference, in every view: over the whole image, by layer and by weight.
 
     Display metrics (``rmse``, ``psnr``, ``ssim``, ``flip``) share one exposure, that of the reference, so that no image
     is judged by a brightness of its own; then come the sRGB curve and the clamp, and the peak is 1. HDR metrics
@@ -235,6 +236,8 @@ def compare(
         layer: Foveation layers, integer, shape (v, 1, h, w) or (1, 1, h, w): ``frame.layer``. Each gets a region of its
             own unless there is only one. A layer that does not occur in a view has no score there.
         exposure: Scale from radiance to the display; ``None`` means :func:`fovden.color.exposure` of the reference.
+        weights: Weight maps by the name of the region that they make, at least 0, shape (v, 1, h, w) or (1, 1, h, w):
+            for example ``{"acuity": acuity_weight(camera, gaze)}``.
         subtract_noise: Whether the reference's variance, if it is known, is subtracted from the squared errors of the
             HDR metrics.
         pixels_per_degree: Pixels per degree of visual angle for ``flip``, at least 1. The default is that of FLIP's
@@ -244,8 +247,8 @@ def compare(
         The comparison: print it, or write it with :meth:`Comparison.to_csv`.
 
     Raises:
-        ShapeError: If an image or the layers do not fit the reference.
-        ValueError: If there is no image or a value is not finite.
+        ShapeError: If an image, the layers or a weight map do not fit the reference.
+        ValueError: If there is no image, a value is not finite, or a weight is below 0 or has a region's name.
 
     Example:
         >>> truth = torch.linspace(0, 1, 16).expand(2, 3, 16, 16)
@@ -268,6 +271,10 @@ def compare(
     noise = variance if subtract_noise else None
     shown_truth = color.display(truth, exposure)
     regions = _regions(layer, sizes, truth)
+    for name, given in (weights or {}).items():
+        require(name not in regions, "weights", repr(name), f"names other than {', '.join(map(repr, regions))}")
+        _require_map(f"weights[{name!r}]", given, sizes)
+        regions[name] = require_finite(f"weights[{name!r}]", given.to(truth), minimum=0)
     scores = []
     for method, radiance in images.items():
         image = radiance.detach()
@@ -305,14 +312,22 @@ def _regions(layer: Tensor | None, sizes: Mapping[str, int], like: Tensor) -> di
     regions: dict[str, Tensor | None] = {"whole": None}
     if layer is None:
         return regions
-    require_shapes("s 1 h w", {"h": sizes["h"], "w": sizes["w"]}, layer=layer)
-    if layer.shape[0] not in (1, sizes["v"]):
-        raise ShapeError(f"layer: expected 1 or {sizes['v']} views, got {layer.shape[0]}")
+    _require_map("layer", layer, sizes)
     numbers = sorted({int(number) for number in torch.unique(layer).tolist()})
     if len(numbers) > 1:
         regions |= {f"layer {number}": (layer == number).to(like.dtype) for number in numbers}
     return regions
 
 
-def _region_order(region: str) -> tuple[bool, int]:
-    return region != "whole", int(region.removeprefix("layer ")) if region != "whole" else 0
+def _require_map(name: str, image: Tensor, sizes: Mapping[str, int]) -> None:
+    require_shapes("s 1 h w", {"h": sizes["h"], "w": sizes["w"]}, **{name: image})
+    if image.shape[0] not in (1, sizes["v"]):
+        raise ShapeError(f"{name}: expected 1 or {sizes['v']} views, got {image.shape[0]}")
+
+
+def _region_order(region: str) -> tuple[int, int, str]:
+    """The whole image, layers from the inside out, and weights by name."""
+    number = region.removeprefix("layer ")
+    if region != "whole" and number == region:
+        return 2, 0, region
+    return (0, 0, "") if region == "whole" else (1, int(number), "")

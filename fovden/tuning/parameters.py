@@ -34,7 +34,7 @@ def readable(module: nn.Module) -> dict[str, float]:
     Returns:
         Numbers by name, in the order of the parameters: ``edge_stopping.0.sigma_normal`` for
         ``edge_stopping.0.log_sigma_normal``, with an index where a parameter has several elements. Parameters of more
-        than 32 elements are left out.
+        than 32 elements are left out, and those beside them in their module: the biases of a network, with its weights.
 
     Example:
         >>> from fovden.filters import EdgeStopping
@@ -42,10 +42,11 @@ def readable(module: nn.Module) -> dict[str, float]:
         {'sigma_radiance': 4.0, 'sigma_normal': 0.1, 'sigma_position': 0.03}
     """
     numbers = {}
+    large = {name.rpartition(".")[0] for name, each in module.named_parameters() if each.numel() > MOST_NUMBERS}
     for name, parameter in module.named_parameters():
-        if parameter.numel() > MOST_NUMBERS:
-            continue
         *path, leaf = name.split(".")
+        if ".".join(path) in large:
+            continue
         values = parameter.detach().double()
         if leaf.startswith(LOGARITHM):
             leaf, values = leaf.removeprefix(LOGARITHM), values.exp()

@@ -9,6 +9,17 @@ from fovden.warps.blur import eccentricity_blur
 from fovden.warps.log_polar import LogPolarWarp
 from fovden.warps.polar import PolarWarp
 from fovden.warps.screen import ScreenWarp
+from fovden.warps.sizing import warp_at_budget
+from fovden.warps.topology import Topology
 from fovden.warps.visual_polar import VisualPolarWarp
 
-__all__ = ["LogPolarWarp", "PolarWarp", "ScreenWarp", "VisualPolarWarp", "Warp", "eccentricity_blur"]
+__all__ = [
+    "LogPolarWarp",
+    "PolarWarp",
+    "ScreenWarp",
+    "Topology",
+    "VisualPolarWarp",
+    "Warp",
+    "eccentricity_blur",
+    "warp_at_budget",
+]

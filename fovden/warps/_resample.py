@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from fovden.camera import pixel_centres
+from fovden.warps._kept import for_each_view
 
 if TYPE_CHECKING:
     from fovden.warps.base import Prefilter
@@ -58,22 +59,18 @@ class Resampling(NamedTuple):
     arcs: Arcs
 
 
-def kept_resamplings(warp: PolarWarp, prefilter: Prefilter) -> list[Resampling]:
-    """The map of each view, found once for each warp that has no gradient."""
-    tensors = (each for each in (warp.gaze.pixels, *vars(warp).values()) if isinstance(each, Tensor))
-    if any(each.requires_grad for each in tensors):
-        return [resampling(eye, prefilter) for eye in warp._eyes()]
-    if prefilter not in warp._kept:
-        with torch.inference_mode(False), torch.no_grad():  # kept for later calls, whose mode may be another
-            warp._kept[prefilter] = [resampling(eye, prefilter) for eye in warp._eyes()]
-    return warp._kept[prefilter]
+def composed(warp: PolarWarp, image: Tensor, prefilter: Prefilter) -> Tensor:
+    """Values of pixels, (v, c, height, width), from values of cells: on any device, and in any floating type."""
+    plans = for_each_view(warp, f"plan {prefilter}", lambda view: resampling(view, prefilter))
+    out = torch.stack([resample(plan, each) for plan, each in zip(plans, image, strict=True)])
+    return out.reshape(*out.shape[:2], *warp.screen)
 
 
 def resampling(warp: PolarWarp, prefilter: Prefilter) -> Resampling:
     """The map of a warp with one view."""
     found = footprints(warp, prefilter)
     column = (found.column - 0.5).detach().floor().long()
-    sides = [warp._column(column), warp._column(column + 1)]
+    sides = [warp.topology.column(column), warp.topology.column(column + 1)]
     tallest = torch.maximum(*(warp.heights[inside] for inside, _ in sides))
     # A footprint within one column's width and one cell's height is the box of one cell: bilinear interpolation.
     narrow = (found.first >= found.column - 0.5) & (found.last <= found.column + 0.5) & (found.arc * tallest <= 1)
@@ -120,7 +117,7 @@ def find_arcs(warp: PolarWarp, found: Footprints) -> Arcs:
     column = start[pixel] + place
     first, last = found.first[pixel], found.last[pixel]
     weight = (torch.minimum(last, column + 1.0) - torch.maximum(first, column.double())) / (last - first)
-    inside, turned = warp._column(column)
+    inside, turned = warp.topology.column(column)
     height = warp.heights[inside]
     middle = (found.angle[pixel] + 0.5 * turned) * height
     half = (found.arc[pixel] * height).clamp(min=1) / 2
@@ -160,23 +157,3 @@ def arc_means(plan: Resampling, image: Tensor) -> Tensor:
         return turns[:, None] * whole + low + (within - row)[:, None] * (high - low)
 
     return (running(arcs.end) - running(arcs.begin)) / (arcs.end - arcs.begin)[:, None]
-
-
-def read_cells(plan: Resampling) -> Tensor:
-    """Which cells have a weight in any pixel, bool, shape (h, w)."""
-    height, width = plan.resolution
-    found = torch.zeros(height * width, dtype=torch.bool, device=plan.near.device)
-    for cells, weights in zip(plan.cells, plan.weights, strict=True):
-        found[cells[weights > 0].long()] = True
-    kept = plan.arcs.weight > 0
-    column, begin, end = (each[kept].detach() for each in (plan.arcs.column, plan.arcs.begin, plan.arcs.end))
-    rows, start = plan.heights[column], begin.floor().long()
-    stop = start % rows + torch.minimum(end.ceil().long() - start, rows)
-    # One more where an arc begins and one less after its end; what goes beyond the last row goes on in row 0.
-    edges = torch.zeros((height + 1) * width, dtype=torch.int32, device=column.device)
-    beyond = stop > rows
-    steps = [(start % rows, column, 1), (torch.minimum(stop, rows), column, -1)]
-    steps += [(torch.zeros_like(stop[beyond]), column[beyond], 1), ((stop - rows)[beyond], column[beyond], -1)]
-    for row, place, step in steps:
-        edges.index_add_(0, row * width + place, torch.full_like(row, step, dtype=torch.int32))
-    return found.view(height, width) | (edges.view(height + 1, width).cumsum(0)[:height] > 0)

@@ -10,6 +10,7 @@ from torch.nn.functional import conv2d
 
 from fovden.camera import Gaze, pixel_centres
 from fovden.checks import require, require_shapes
+from fovden.warps._fused_blur import blurred
 
 __all__ = ["eccentricity_blur"]
 
@@ -60,7 +61,15 @@ def eccentricity_blur(
         require(bool((bounds[0] >= 0).all()), "start", start, "distances of at least 0")
         require(bool((bounds[1] > bounds[0]).all()), "stop", stop, f"distances above start, {start}")
         require(bool((bounds[2] >= 0).all()), "sigma", sigma, "standard deviations of at least 0")
-    first, last, largest = bounds
+    pixels = gaze.pixels
+    fixed = not any(each.requires_grad for each in (pixels, *bounds))
+    if fixed and {image.device.type, pixels.device.type} == {"cpu"} and image.dtype == torch.float32:
+        return blurred(image, pixels, torch.stack([each.flatten().expand(len(pixels)) for each in bounds]), STEPS)
+    return compose(image, gaze, *bounds)
+
+
+def compose(image: Tensor, gaze: Gaze, first: Tensor, last: Tensor, largest: Tensor) -> Tensor:
+    """The same of torch operations, for any floating type, device and gradient; bounds have shape (1 or v, 1, 1, 1)."""
     offsets = pixel_centres((image.shape[2], image.shape[3])).to(gaze.pixels) - gaze.pixels[:, None]
     distance = torch.linalg.vector_norm(offsets, dim=-1).reshape(-1, 1, *image.shape[2:]).double()
     # Position among the blurred images, whose variances go as (k / STEPS)^2.

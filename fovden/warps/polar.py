@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Self, get_args
+from typing import Any, Literal, get_args
 
 import torch
 from torch import Tensor
 
-from fovden.camera import Gaze
 from fovden.checks import require, require_number, require_shapes
-from fovden.warps._resample import Resampling, kept_resamplings, read_cells, resample
+from fovden.warps._kept import is_compiled
+from fovden.warps._operators import number_of, resampled
+from fovden.warps._resample import composed
 from fovden.warps.base import Prefilter, Warp
 from fovden.warps.blur import eccentricity_blur
+from fovden.warps.topology import Topology
 
 __all__ = ["PolarWarp"]
 
@@ -56,11 +58,14 @@ class PolarWarp(Warp):
     Raises:
         ValueError: If a value is out of range.
 
+    In float32 on the CPU, and where no gradient is wanted of the warp itself, points and images are mapped by compiled
+    kernels, for which a new gaze costs a few milliseconds. Elsewhere the same is made of torch operations.
+
     Source: Koskela et al. 2019, "Foveated real-time path tracing in visual-polar space", as far as it is known; the
     footprint is that of Williams, "Pyramidal parametrics", 1983, as a box instead of a pyramid of averages.
 
     Example:
-        >>> from fovden.foveation import VisualPolarWarp
+        >>> from fovden.foveation import Gaze, VisualPolarWarp
         >>> warp = VisualPolarWarp(Gaze(torch.tensor([[320.0, 240.0]])), (480, 640), (300, 400))
         >>> isinstance(warp, PolarWarp), warp.reach
         (True, tensor([400.], dtype=torch.float64))
@@ -72,6 +77,7 @@ class PolarWarp(Warp):
         super().__post_init__()
         names = get_args(FoveaBorder)
         require(self.fovea_border in names, "fovea_border", repr(self.fovea_border), f"one of {names}")
+        self.number  # noqa: B018  not to be given while a function is compiled
 
     @abstractmethod
     def to_distance(self, fraction: Tensor) -> Tensor:
@@ -84,7 +90,7 @@ class PolarWarp(Warp):
             Distance in pixels, the same shape.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.to_distance(torch.tensor([[0.0, 1.0]]).double())
             tensor([[ 1.0000, 50.0000]], dtype=torch.float64)
@@ -101,7 +107,7 @@ class PolarWarp(Warp):
             t, the same shape; above 1 beyond the screen's farthest corner.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.to_fraction(torch.tensor([[1.0, 50.0]]).double())
             tensor([[0., 1.]], dtype=torch.float64)
@@ -118,7 +124,7 @@ class PolarWarp(Warp):
             d r / d t in pixels, the same shape.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8), alpha=1.0)
             >>> warp.stretch(torch.tensor([[1.0]]).double())  # 50 ln 50
             tensor([[195.6012]], dtype=torch.float64)
@@ -134,6 +140,11 @@ class PolarWarp(Warp):
         """Number of rows of each column, int64, shape (w,): all of them, unless a subclass cuts."""
         return torch.full((self.resolution[1],), self.resolution[0], device=self.gaze.pixels.device)
 
+    @cached_property
+    def topology(self) -> Topology:
+        """Which cells are neighbours of which."""
+        return Topology(self.heights, self.resolution[0], rotate=self.fovea_border == "rotate")
+
     @property
     def reach(self) -> Tensor:
         """Distance from the gaze to the screen's farthest corner in pixels, float64, shape (v,)."""
@@ -141,12 +152,6 @@ class PolarWarp(Warp):
         corners = self.gaze.pixels.new_tensor([[0, 0], [width, 0], [0, height], [width, height]]).double()
         distance: Tensor = torch.linalg.vector_norm(corners - self.gaze.pixels.double()[:, None], dim=-1)
         return distance.amax(dim=1)
-
-    @cached_property
-    def read(self) -> Tensor:
-        """Whether :meth:`to_screen` reads a cell at all: bool, shape (v, 1, h, w); see :class:`Warp`."""
-        with torch.inference_mode(False), torch.no_grad():
-            return torch.stack([read_cells(plan) for plan in kept_resamplings(self, "area")])[:, None]
 
     def polar(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Returns distance and angle of points on the screen, seen from the gaze.
@@ -164,7 +169,7 @@ class PolarWarp(Warp):
         Differentiable: in ``points`` and the gaze.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.polar(torch.tensor([[[0.0, 2.0]]]))
             (tensor([[2.]], dtype=torch.float64), tensor([[1.5708]], dtype=torch.float64))
@@ -183,22 +188,21 @@ class PolarWarp(Warp):
         where they are tensors. Arguments and errors: see :class:`Warp`, as in the following.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.cell_to_screen(torch.tensor([[[8.0, 1.0]]]))
             tensor([[[35.3553, 35.3553]]])
         """
-        distance, angle, _ = self._place(cells)
-        offset = distance[..., None] * torch.stack([angle.cos(), angle.sin()], dim=-1)
-        return (self.gaze.pixels.double()[:, None] + offset).to(cells.dtype)
+        require_shapes("v n 2", {"v": self.view_count}, cells=cells)
+        if is_compiled(self, cells) and not (cells.requires_grad or torch.compiler.is_compiling()):
+            return torch.ops.fovden.place_cells(cells, self.number)  # type: ignore[no-any-return]
+        return self._points(cells)
 
     def positions(self, jitter: tuple[float, float] = (0.0, 0.0)) -> Tensor:
-        """Returns where every place of the rectangle lies on the screen, in row-major order; see :class:`Warp`.
-
-        Distances depend on columns alone and angles on no gaze: much cheaper than :meth:`cell_to_screen`.
+        """Returns where every place of the rectangle lies on the screen; see :meth:`Warp.positions`.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (4, 2), alpha=1.0)
             >>> warp.positions((-0.5, -0.5))[0, 1]
             tensor([7.0711, 0.0000])
@@ -211,12 +215,10 @@ class PolarWarp(Warp):
         return (self.gaze.pixels.double()[:, None] + offset.flatten(1, 2)).to(self.gaze.pixels.dtype)
 
     def screen_to_cell(self, points: Tensor) -> Tensor:
-        """Returns the cell coordinates of points on the screen: the inverse of :meth:`cell_to_screen`.
-
-        The row counts in the height of the column that x lies in, rounded.
+        """Returns the cell coordinates of points on the screen, rows in the height of the column that x lies in.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8))
             >>> warp.screen_to_cell(torch.tensor([[[30.0, 30.0]]]))
             tensor([[[7.9147, 1.0000]]])
@@ -230,7 +232,7 @@ class PolarWarp(Warp):
         """Returns the derivatives of screen coordinates in cell coordinates, in pixels per cell, differentiable.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8), alpha=1.0)
             >>> warp.jacobian(torch.tensor([[[8.0, 0.0]]]))[0, 0]
             tensor([[24.4501, -0.0000],
@@ -249,7 +251,7 @@ class PolarWarp(Warp):
         Here h is the height of the column there. It is 0 where no column reaches, infinite at the gaze, differentiable.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8), alpha=1.0)
             >>> warp.density(torch.tensor([[[30.0, 40.0]]]))  # 64 / (2 pi 50 * 50 ln 50)
             tensor([[0.0010]])
@@ -283,20 +285,13 @@ class PolarWarp(Warp):
         Source: Koskela et al. 2019: wrap in angle, clamp in distance. The rows' rule is exact in integers here.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.zeros(1, 2)), (30, 40), (8, 8), fovea_border="rotate")
             >>> warp.neighbour(torch.tensor([[0, 1], [0, 7]]), -1, 1)
             tensor([[0, 6],
                     [0, 4]])
         """
-        integers = not cells.is_floating_point() and cells.dtype != torch.bool
-        require(integers and cells.shape[-1:] == (2,), "cells", (cells.dtype, tuple(cells.shape)), "integers (..., 2)")
-        x, y = cells.long().unbind(-1)
-        before = self.heights[x]
-        column, turned = self._column(x + dx)
-        after = self.heights[column]
-        row = torch.div((2 * (y + dy) + 1) * after + turned * before * after, 2 * before, rounding_mode="floor") % after
-        return torch.stack([column, row], dim=-1)
+        return self.topology.neighbour(cells, dx, dy)
 
     def to_screen(self, image: Tensor, mask: Tensor | None = None, *, prefilter: Prefilter = "area") -> Tensor:
         """Returns an image in cells as one in pixels; see the class for the interpolation.
@@ -316,11 +311,11 @@ class PolarWarp(Warp):
 
         Differentiable: in ``image`` and ``mask``, with the exact adjoint, and in gaze and parameters almost everywhere.
 
-        Cost: four reads per pixel and channel, and a sum over the cells of the fovea. Which cells are read, with what
-        weight, is found once and kept, unless the warp has a gradient.
+        Cost: four reads per pixel and channel, more where cells are smaller. As torch operations, which cells are read
+        is found once, in seconds, and kept, unless the warp has a gradient.
 
         Example:
-            >>> from fovden.foveation import LogPolarWarp
+            >>> from fovden.foveation import Gaze, LogPolarWarp
             >>> warp = LogPolarWarp(Gaze(torch.tensor([[3.0, 2.0]])), (4, 6), (8, 8))
             >>> warp.to_screen(torch.full((1, 1, 8, 8), 0.25)).unique()
             tensor([0.2500])
@@ -328,10 +323,8 @@ class PolarWarp(Warp):
         self._require_image(image, mask)
         names = get_args(Prefilter)
         require(prefilter in names, "prefilter", repr(prefilter), f"one of {names}")
-        plans = kept_resamplings(self, prefilter)
         weighted = image if mask is None else torch.cat([image * mask, mask.expand_as(image[:, :1]).to(image)], dim=1)
-        out = torch.stack([resample(plan, each) for plan, each in zip(plans, weighted, strict=True)])
-        out = out.reshape(*out.shape[:2], *self.screen)
+        out = (resampled if is_compiled(self, weighted) else composed)(self, weighted, prefilter)
         if mask is None:
             return out
         total = out[:, -1:]
@@ -361,7 +354,7 @@ class PolarWarp(Warp):
         :func:`eccentricity_blur`.
 
         Example:
-            >>> from fovden.foveation import VisualPolarWarp
+            >>> from fovden.foveation import Gaze, VisualPolarWarp
             >>> warp = VisualPolarWarp(Gaze(torch.tensor([[3.0, 2.0]])), (4, 6), (4, 8))
             >>> warp.blur(torch.full((1, 1, 4, 6), 0.25)).unique()
             tensor([0.2500])
@@ -371,7 +364,21 @@ class PolarWarp(Warp):
         sizes = {"v": self.view_count, "height": self.screen[0], "width": self.screen[1]}
         require_shapes("v c height width", sizes, image=image)
         largest = strength * math.pi * self.reach / self.resolution[0]
-        return eccentricity_blur(image, self.gaze, start=self.blur_start, stop=self.reach, sigma=largest)
+        start = self.blur_start
+        stop = torch.where(self.reach > start, self.reach, start + 1)  # a screen of a pixel or two ends before
+        return eccentricity_blur(image, self.gaze, start=start, stop=stop, sigma=largest)
+
+    @cached_property
+    def read(self) -> Tensor:
+        """Whether :meth:`to_screen` reads a cell at all, as :attr:`Warp.read`: the adjoint of ones says so."""
+        with torch.inference_mode(False):
+            ones = self.gaze.pixels.new_ones(self.view_count, 1, *self.screen, dtype=torch.float32)
+            return resampled(self, ones, "area", back=True) > 0 if is_compiled(self, ones) else super().read
+
+    def _points(self, cells: Tensor) -> Tensor:
+        distance, angle, _ = self._place(cells)
+        offset = distance[..., None] * torch.stack([angle.cos(), angle.sin()], dim=-1)
+        return (self.gaze.pixels.double()[:, None] + offset).to(cells.dtype)
 
     def _place(self, cells: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Distance, angle, and the column's height, of cell coordinates."""
@@ -383,15 +390,11 @@ class PolarWarp(Warp):
     def _height_at(self, x: Tensor) -> Tensor:
         return self.heights[x.detach().floor().long().clamp(0, self.resolution[1] - 1)]
 
-    def _column(self, column: Tensor) -> tuple[Tensor, Tensor]:
-        """The column that stands for one beyond a border, and half turns to go there."""
-        turned = (column < 0).long() if self.fovea_border == "rotate" else torch.zeros_like(column)
-        inside = torch.where(turned > 0, -1 - column, column)
-        return inside.clamp(0, self.resolution[1] - 1), turned
-
-    def _eyes(self) -> list[Self]:
-        return [replace(self, gaze=Gaze(pixels[None])) for pixels in self.gaze.pixels]
+    @cached_property
+    def number(self) -> Tensor:
+        """How operators find the warp within this process; a tensor, since code is compiled for every other number."""
+        return number_of(self)
 
     @cached_property
-    def _kept(self) -> dict[str, list[Resampling]]:
+    def _kept(self) -> dict[str, list[Any]]:
         return {}

@@ -169,7 +169,8 @@ class VisualPolarWarp(PolarWarp):
     @property
     def blur_start(self) -> Tensor:
         """Distance at which the centre ends, shape (v,)."""
-        return self.to_distance(torch.full_like(self.reach, self.centre_fraction)[:, None])[:, 0]
+        join = JOIN if self.law != "exact" else 1 / acuity_integral(self._e_max(self.reach))  # which has a gradient
+        return self.to_distance((join * torch.ones_like(self.reach))[:, None])[:, 0]
 
     @cached_property
     def heights(self) -> Tensor:

@@ -12,8 +12,17 @@ import pytest
 import torch
 
 import fovden.filters
-from fovden.filters import Atrous, Denoised, Denoiser, NonHomogeneousAtrous, PredictedSigmas
+from fovden.camera import Gaze
+from fovden.filters import Atrous, Denoised, Denoiser, NonHomogeneousAtrous, PredictedSigmas, WarpedDenoiser
+from fovden.foveation import LogPolarWarp, ScreenWarp, VisualPolarWarp
 from fovden.frame import Frame, GBuffer
+
+RASTERS = {
+    "log-polar": lambda gaze, size: LogPolarWarp(gaze, (9, 12), size, "rotate", 2.0),
+    "visual-polar": lambda gaze, size: VisualPolarWarp(gaze, (9, 12), size, e_max=12.0),
+    "stair": lambda gaze, size: VisualPolarWarp(gaze, (9, 12), size, "rotate", e_max=12.0, cut="stair", block=2),
+    "as the screen": lambda gaze, size: ScreenWarp(gaze, size, size),
+}
 
 
 @dataclass(frozen=True)
@@ -25,6 +34,8 @@ class Member:
     constructor: str | None = None
     relative: bool = True
     outer: type | None = None
+    raster: str | None = None
+    learn: tuple = ()
 
     @property
     def few_passes(self):
@@ -35,13 +46,30 @@ class Member:
     def __str__(self):
         name = f"{self.kind.__name__}.{self.constructor}" if self.constructor else self.kind.__name__
         name = f"{self.outer.__name__}.{name}" if self.outer else name
+        name = f"{self.raster}.{name}" if self.raster else name
         return "-".join([name, *(f"{key}={value}" for key, value in self.options.items())])
 
-    def build(self, **options):
-        """Returns a new denoiser in double precision."""
+    def build(self, size=(10, 13), **options):
+        """Returns a new denoiser in double precision, for frames of a height and width if it is made for one raster."""
         make = getattr(self.kind, self.constructor) if self.constructor else self.kind
         denoiser = make(**{**self.options, **options}).double()
-        return denoiser if self.outer is None else stirred(self.outer(denoiser, channels=4)).double()
+        denoiser = denoiser if self.outer is None else stirred(self.outer(denoiser, channels=4))
+        if self.raster:
+            warp = RASTERS[self.raster](Gaze(torch.zeros(1, 2)), size)
+            denoiser = WarpedDenoiser(denoiser, warp, blur=2.0, contrast=0.3, learn=self.learn)
+        return denoiser.double()
+
+    def frame(self, views=2, height=10, width=13, **options):
+        """Returns a frame in the member's raster, with a gaze for each eye."""
+        frame = make_frame(views, height, width, **options)
+        if self.raster is None:
+            return frame
+        gaze = Gaze(torch.tensor([[6.3, 4.9], [5.2, 4.1]], dtype=frame.direct.dtype)[:views])
+        return replace(frame, gaze=gaze, warp=RASTERS[self.raster](gaze, (height, width)))
+
+    def screen(self, frame):
+        """Returns the shape of the image of a frame."""
+        return (*frame.direct.shape[:2], *(frame.warp.screen if self.raster else frame.resolution))
 
 
 def stirred(denoiser):
@@ -71,6 +99,10 @@ MEMBERS = [
     Member(NonHomogeneousAtrous, {"guide_curve": "log", "sigma_radiance": 1.0}, "nh3ld"),
     Member(Atrous, {"steps": (4, 2, 1)}, outer=PredictedSigmas),
     Member(NonHomogeneousAtrous, {"demodulate": True, "per_pass": True}, "nh3ld", outer=PredictedSigmas),
+    Member(Atrous, {"steps": (4, 2, 1)}, raster="log-polar", learn=("blur", "contrast", "alpha")),
+    Member(NonHomogeneousAtrous, {"demodulate": True}, "nh3ld", raster="visual-polar", learn=("blur",)),
+    Member(NonHomogeneousAtrous, {"mask_update": "fill"}, "nh3ld", raster="as the screen"),
+    Member(NonHomogeneousAtrous, {}, "nh3ld", outer=PredictedSigmas, raster="stair"),
 ]
 
 each_member = pytest.mark.parametrize("member", MEMBERS, ids=str)
@@ -137,18 +169,18 @@ def test_every_exported_denoiser_is_a_member():
     exported = [getattr(fovden.filters, name) for name in fovden.filters.__all__]
     classes = {value for value in exported if inspect.isclass(value) and issubclass(value, Denoiser)}
     assert {kind for kind in classes if not inspect.isabstract(kind)} == {
-        member.outer or member.kind for member in MEMBERS
+        WarpedDenoiser if member.raster else member.outer or member.kind for member in MEMBERS
     }
 
 
 @each_member
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_shape_type_and_device_are_kept(member, dtype):
-    frame = make_frame(dtype=dtype)
+    frame = member.frame(dtype=dtype)
     for denoiser in (member.build(), member.build().float()):
         denoised = denoiser(frame, history=None)
         assert isinstance(denoised, Denoised)
-        assert denoised.image.shape == frame.radiance.shape
+        assert denoised.image.shape == member.screen(frame)
         assert (denoised.image.dtype, denoised.image.device) == (dtype, frame.radiance.device)
         assert bool(torch.isfinite(denoised.image).all())
 
@@ -156,23 +188,23 @@ def test_shape_type_and_device_are_kept(member, dtype):
 @each_member
 def test_it_denoises(member):
     # A flat grey wall under noise: the image is nearer to it than the frame was, in its sampled pixels alone.
-    frame = make_frame(1, 24, 24, constant=True)
+    frame = member.frame(1, 24, 24, constant=True)
     noise = torch.rand(frame.direct.shape, generator=torch.Generator().manual_seed(1), dtype=frame.direct.dtype)
     frame = replace(frame, direct=0.6 * noise * frame.mask)
-    image = member.build()(frame).image
+    image = member.build((24, 24))(frame).image
     before = ((frame.radiance - 0.3) * frame.mask).square().sum() / (3 * frame.mask.sum())
     assert (image - 0.3).square().mean() < before / 4
 
 
 @each_member
 def test_constant_light_is_a_fixed_point(member):
-    image = member.build()(make_frame(constant=True)).image
+    image = member.build()(member.frame(constant=True)).image
     torch.testing.assert_close(image, torch.full_like(image, 0.3), rtol=1e-12, atol=1e-12)
 
 
 @each_member
 def test_views_are_independent(member):
-    left, right = make_frame(1, seed=1), make_frame(1, seed=2)
+    left, right = member.frame(1, seed=1), member.frame(1, seed=2)
     denoiser = member.build()
     both = denoiser(Frame.stack([left, right])).image
     # Strips of rows hold another number of views, so that sums may be vectorised differently.
@@ -181,12 +213,12 @@ def test_views_are_independent(member):
 
 @each_member
 def test_inputs_are_left_alone_and_calls_repeat(member):
-    frame = make_frame()
+    frame = member.frame()
     before = {name: tensor.clone() for name, tensor in tensors_in(frame)}
     denoiser = member.build()
     state = copy.deepcopy(denoiser.state_dict())
     first = denoiser(frame).image
-    denoiser(make_frame(seed=5))
+    denoiser(member.frame(seed=5))
     assert torch.equal(first, denoiser(frame).image)
     for name, tensor in tensors_in(frame):
         assert torch.equal(tensor, before[name]), name
@@ -196,20 +228,21 @@ def test_inputs_are_left_alone_and_calls_repeat(member):
 @each_member
 @pytest.mark.parametrize("size", [(1, 1), (1, 2), (3, 1), (2, 5), (7, 11)])
 def test_odd_and_tiny_sizes(member, size):
-    image = member.build()(make_frame(2, *size, constant=True)).image
+    image = member.build(size)(member.frame(2, *size, constant=True)).image
     torch.testing.assert_close(image, torch.full_like(image, 0.3), rtol=1e-12, atol=1e-12)
-    assert bool(torch.isfinite(member.build()(make_frame(2, *size)).image).all())
+    assert bool(torch.isfinite(member.build(size)(member.frame(2, *size)).image).all())
 
 
 @each_member
 def test_gradients_reach_the_radiance_and_every_parameter(member):
-    frame = make_frame(1)
+    frame = member.frame(1)
     direct = frame.direct.clone().requires_grad_()
     denoiser = member.build()
-    target = torch.rand(direct.shape, generator=torch.Generator().manual_seed(3), dtype=direct.dtype)
+    target = torch.rand(member.screen(frame), generator=torch.Generator().manual_seed(3), dtype=direct.dtype)
     (denoiser(replace(frame, direct=direct)).image - target).square().sum().backward()
     assert bool(torch.isfinite(direct.grad).all())
-    sampled = (frame.mask > 0).expand_as(direct)
+    sampled = frame.mask > 0 if frame.warp is None else (frame.mask > 0) & frame.warp.exists
+    sampled = sampled.expand_as(direct)
     assert bool((direct.grad[sampled] != 0).all())
     for name, parameter in denoiser.named_parameters():
         assert parameter.grad is not None, name
@@ -219,9 +252,9 @@ def test_gradients_reach_the_radiance_and_every_parameter(member):
 
 @each_member
 def test_gradcheck(member):
-    frame = make_frame(1, 4, 5)
+    frame = member.frame(1, 4, 5)
     # The view's units are constants to the gradient, so the radiance is checked in literal ones.
-    denoiser = member.build(**{**member.few_passes, "relative": False})
+    denoiser = member.build((4, 5), **{**member.few_passes, "relative": False})
 
     def by_radiance(direct):
         # Unsampled pixels hold no light: what is added to them is not read.
@@ -229,7 +262,7 @@ def test_gradcheck(member):
 
     direct = (frame.direct + 0.1).requires_grad_()
     assert torch.autograd.gradcheck(by_radiance, direct, fast_mode=True)
-    denoiser = member.build(**member.few_passes)
+    denoiser = member.build((4, 5), **member.few_passes)
     names, values = zip(*denoiser.named_parameters(), strict=True)
 
     def by_parameters(*values):
@@ -242,7 +275,7 @@ def test_gradcheck(member):
 
 @pytest.mark.parametrize("member", [member for member in MEMBERS if member.relative], ids=str)
 def test_exposure_and_the_unit_of_length_do_not_matter(member):
-    frame, denoiser = make_frame(), member.build()
+    frame, denoiser = member.frame(), member.build()
     want = denoiser(frame).image
     brighter = replace(frame, direct=frame.direct * 37, indirect=frame.indirect * 37)
     torch.testing.assert_close(denoiser(brighter).image, want * 37, rtol=1e-10, atol=1e-10)
@@ -252,7 +285,7 @@ def test_exposure_and_the_unit_of_length_do_not_matter(member):
 
 @each_member
 def test_state_goes_to_a_dictionary_and_back(member):
-    frame, trained = make_frame(), member.build()
+    frame, trained = member.frame(), member.build()
     with torch.no_grad():
         for parameter in trained.parameters():
             parameter.add_(0.3)

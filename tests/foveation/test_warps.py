@@ -29,8 +29,9 @@ WARPS = {
     "poly3": lambda gaze: VisualPolarWarp(gaze, SCREEN, (60, 80), law="poly3"),
     "poly4": lambda gaze: VisualPolarWarp(gaze, SCREEN, (60, 80), law="poly4", metric="angle"),
     "screen": lambda gaze: ScreenWarp(gaze, SCREEN, SCREEN),
+    "coarse": lambda gaze: ScreenWarp(gaze, SCREEN, (60, 80)),
 }
-POLAR = [name for name in WARPS if name != "screen"]
+POLAR = [name for name in WARPS if name not in ("screen", "coarse")]
 
 
 def make(name, gaze="per eye", dtype=torch.float64):
@@ -337,7 +338,7 @@ def test_at_the_gaze_nothing_is_infinite():
         (lambda g: VisualPolarWarp(g, SCREEN, (5, 5), metric="angle", e_max=95.0), "e_max: .* at most 89.9, got 95.0"),
         (lambda g: VisualPolarWarp(g, SCREEN, (5, 5), law="poly3", e_max=50.0), "e_max: expected 40.28, for which"),
         (lambda g: VisualPolarWarp(g, SCREEN, (5, 5), cut="round"), "cut: expected one of .*stair.*, got 'round'"),
-        (lambda g: ScreenWarp(g, SCREEN, (5, 5)), r"resolution: expected the screen's, \(96, 128\), got \(5, 5\)"),
+        (lambda g: ScreenWarp(g, SCREEN, (5, 0)), "resolution.1. .width.: expected an integer of at least 1, got 0"),
     ],
 )
 def test_bad_arguments(build, message):

@@ -5,6 +5,7 @@ import math
 
 import pytest
 import torch
+from skimage.transform import resize
 
 from fovden.camera import Gaze
 from fovden.checks import ShapeError
@@ -156,11 +157,16 @@ def test_what_is_read_suffices(name):
 @pytest.mark.parametrize("gaze", GAZES)
 @pytest.mark.parametrize("name", WARPS)
 def test_what_is_read_has_a_weight(name, gaze):
-    """Against the adjoint of ones, in which the running sums of what is not read cancel but for rounding, 17 times."""
+    """The kernel's adjoint, and that of tensor operations, where running sums of what is not read are rounding."""
     warp = make(name, gaze)
     image = torch.zeros(warp.view_count, 1, *warp.resolution, dtype=torch.float64, requires_grad=True)
     (weight,) = torch.autograd.grad(warp.to_screen(image).sum(), image)
-    assert torch.equal(warp.read, weight > 1e-12)
+    for each in (
+        warp,
+        warp.to(torch.float32),
+        dataclasses.replace(warp, gaze=Gaze(warp.gaze.pixels.clone().requires_grad_())),
+    ):
+        assert torch.equal(each.read, weight > 1e-12)
 
 
 def test_at_the_gaze_stands_the_mean_of_the_first_column():
@@ -259,6 +265,26 @@ def test_the_screen_is_itself():
     assert warp.read.all()
     found = warp.neighbour(torch.tensor([[0, 0], [13, 11]]), 2, -1)
     assert found.tolist() == [[2, 0], [13, 10]]
+
+
+@pytest.mark.parametrize("resolution", [(5, 4), (9, 20), (1, 1)])
+def test_a_coarser_screen_is_interpolated_as_scikit_image_does_it(resolution):
+    warp = ScreenWarp(Gaze(torch.zeros(1, 2)), SMALL, resolution)
+    image = torch.rand(1, 3, *resolution, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    finer = any(cells > pixels for cells, pixels in zip(resolution, SMALL, strict=True))
+    if not finer:
+        expected = resize(image[0].movedim(0, -1).numpy(), SMALL, order=1, mode="edge", anti_aliasing=False)
+        assert torch.allclose(warp.to_screen(image)[0].movedim(0, -1), torch.from_numpy(expected), atol=1e-12)
+    assert torch.allclose(warp.to_screen(torch.ones_like(image)), torch.ones(1, 3, *SMALL, dtype=torch.float64))
+    mask = (torch.rand(1, 1, *resolution, generator=torch.Generator().manual_seed(1)) < 0.5).double()
+    found = warp.to_screen(torch.full_like(image, 0.25), mask)
+    counts = warp.to_screen(mask) > 0
+    assert torch.allclose(found, 0.25 * counts.double().expand_as(found))
+    other = torch.rand(1, 3, *SMALL, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    image.requires_grad_()
+    (adjoint,) = torch.autograd.grad((warp.to_screen(image) * other).sum(), image)
+    image = image.detach()
+    assert float((adjoint * image).sum()) == pytest.approx(float((warp.to_screen(image) * other).sum()), rel=1e-12)
 
 
 def test_blur_has_the_width_that_it_states():

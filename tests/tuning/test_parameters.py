@@ -5,7 +5,7 @@ import json
 import pytest
 import torch
 
-from fovden.filters import Atrous, NonHomogeneousAtrous
+from fovden.filters import Atrous, NonHomogeneousAtrous, PredictedSigmas
 from fovden.tuning import load_parameters, read_history, readable, save_parameters
 from fovden.tuning.checkpoint import load_state, save_state
 
@@ -88,3 +88,8 @@ def test_what_cannot_be_saved_is_named(tmp_path):
     with pytest.raises(TypeError, match=r"state: expected tensors, .*, got set"):
         save_state(tmp_path / "s.safetensors", {"a": {1, 2}})
     assert not list(tmp_path.iterdir())
+
+
+def test_a_network_is_left_out_of_what_is_read_with_its_biases():
+    names = set(readable(PredictedSigmas(Atrous((2, 1)))))
+    assert names == {f"inner.edge_stopping.{name}" for name in ("sigma_radiance", "sigma_normal", "sigma_position")}

@@ -1,0 +1,167 @@
+"""Do widths that were fitted on images of half the size serve at full size, and what does a frame cost there?
+
+    python -m experiments.full_size --preset full
+
+Takes the filters of ``tune_sigmas.py``, by hand and fitted (seed 0), to one test pose of each scene, both eyes of
+960 x 1080 pixels, and takes the time of tracing and filtering. Base filters frames whose every pixel was traced, NH3LD
+foveated ones.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+
+from experiments.frame_sets import SCENES, SEEDS, frame_set
+from experiments.harness import run_script
+from experiments.tune_sigmas import JUDGED, LIGHTS, METHODS, VARIANTS, present, say, table, unfitted
+from fovden import metrics
+from fovden.comparison.methods import file_name
+from fovden.filters import Denoiser
+from fovden.foveation import Gaze, ThreeLayer, sample_map
+from fovden.frame import Frame, Reference
+from fovden.results import Measurement, Run, read_config
+from fovden.tracer import trace_frame
+from fovden.tuning import load_parameters
+
+__all__ = ["Settings", "main"]
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is judged.
+
+    Attributes:
+        fits: Folder that ``tune_sigmas.py`` has filled.
+        lights: Which of its halves.
+        scenes: Names of scenes.
+        resolution: Height and width of each eye's image.
+        reference_spp: Samples per pixel of the references.
+        spp: Samples in each traced pixel.
+        repeats: How often a time is taken; the median counts.
+        references: Folder of the references; ``None`` for one beside the results.
+
+    Example:
+        >>> Settings(Path("fits")).resolution
+        (1080, 960)
+    """
+
+    fits: Path
+    lights: tuple[str, ...] = tuple(LIGHTS)
+    scenes: tuple[str, ...] = SCENES
+    resolution: tuple[int, int] = (1080, 960)
+    reference_spp: int = 1024
+    spp: int = 4
+    repeats: int = 3
+    references: str | None = None
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose's frames by the filter's name, the seconds that tracing them took, and the reference."""
+
+    frames: dict[str, Frame]
+    seconds: dict[str, float]
+    truth: Reference
+
+
+def traced(scene: str, settings: Settings, folder: Path) -> Pose:
+    """Traces the first pose of the test, with every pixel and foveated, and its reference."""
+    say(f"{scene}: frames and reference")
+    size = {"resolution": settings.resolution, "reference_spp": settings.reference_spp, "folder": folder}
+    data = frame_set(scene, "test", spp=1, falloff=None, **size)
+    _, truth = data[0]
+    if truth is None:
+        raise ValueError(f"{scene}: no reference")
+    world, camera, _ = data.sequence[0]
+    foveated = sample_map(ThreeLayer(), camera, Gaze.center(camera), settings.spp, SEEDS["test"])
+    frames, seconds = {}, {}
+    for name, samples in (("Base", settings.spp), ("NH3LD", foveated)):
+        trace_frame(world, camera.at(resolution=(16, 16)), 1)  # compiles
+        seconds[name], frames[name] = timed(
+            lambda samples=samples: trace_frame(world, camera, samples, seed=SEEDS["test"]), settings.repeats
+        )
+    return Pose(frames, seconds, truth)
+
+
+def timed(call: Callable[[], Result], repeats: int) -> tuple[float, Result]:
+    """Returns the median of the seconds that a call takes, and what it returned last."""
+    seconds = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        result = call()
+        seconds.append(time.perf_counter() - began)
+    return statistics.median(seconds), result
+
+
+def filters(settings: Settings, light: str, scene: str) -> dict[str, Denoiser]:
+    """Returns the filters by hand, and those that were fitted on the scene."""
+    folder = settings.fits / light
+    hand = json.loads((folder / "by_hand.json").read_text(encoding="utf-8"))
+    rows: dict[str, Denoiser] = {f"{name}, by hand": unfitted(name, "sigmas", hand, light, 0) for name in METHODS}
+    for name in METHODS:
+        for variant in VARIANTS:
+            row = f"{name}, {variant} of {scene}, seed 0"
+            rows[row] = unfitted(name, variant, hand, light, 0)
+            load_parameters(rows[row], folder / "fits" / file_name(row) / "parameters.safetensors")
+    return rows
+
+
+def judge(pose: Pose, rows: dict[str, Denoiser], scene: str, repeats: int) -> list[Measurement]:
+    """Returns scores and seconds of the filters on a pose."""
+    images = {"Noisy, full": pose.frames["Base"].radiance, "Noisy, foveated": pose.frames["NH3LD"].radiance}
+    found = []
+    for row, denoiser in rows.items():
+        method = row.partition(",")[0]
+        with torch.no_grad():
+            seconds, denoised = timed(lambda: denoiser(pose.frames[method]), repeats)  # noqa: B023 - called here
+        images[row] = denoised.image
+        for metric, value in (("seconds_trace", pose.seconds[method]), ("seconds_denoise", seconds)):
+            found.append(Measurement(scene, 0, "", row, "whole", metric, value))
+    scores = metrics.compare(images, pose.truth, layer=pose.frames["NH3LD"].layer)
+    keys = dict.fromkeys((s.method, s.region, s.metric) for s in scores.scores if s.metric in JUDGED)
+    return found + [
+        Measurement(scene, 0, "", method, region, metric, scores.value(method, metric, region))
+        for method, region, metric in keys
+    ]
+
+
+def run(settings: Settings, folder: Path) -> None:
+    """Judges each half."""
+    references = Path(settings.references) if settings.references else folder / "references"
+    references.mkdir(parents=True, exist_ok=True)
+    poses = {scene: traced(scene, settings, references) for scene in settings.scenes}
+    for light in settings.lights:
+        config: dict[str, Any] = {"light": light}
+        config |= {name: read_config(settings.fits / light)[name] for name in ("error", "draws", "steps", "seeds")}
+        names = ("scenes", "resolution", "reference_spp", "spp", "repeats")
+        with Run(folder / light, config | {name: getattr(settings, name) for name in names}) as results:
+            for scene, pose in poses.items():
+                say(f"{light}: judge on {scene}")
+                results.measurements += judge(pose, filters(settings, light, scene), scene, settings.repeats)
+        print(f"\n{light}\n{table(results.measurements)}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the script and returns the exit status."""
+    fits = Path(os.environ.get("FOVDEN_FITS", "out/tune_sigmas"))
+    presets = {
+        "smoke": lambda: Settings(fits / "smoke", tuple(LIGHTS), ("atrium", "forest"), (128, 128), 16, repeats=1),
+        "full": lambda: Settings(fits, scenes=present(SCENES), references=os.environ.get("FOVDEN_FULL_REFERENCES")),
+    }
+    return run_script("full_size", str(__doc__), presets, run, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
