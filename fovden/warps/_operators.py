@@ -16,8 +16,6 @@ import torch
 from torch import Tensor
 
 from fovden.warps._fused import geometries, place, to_cells, to_pixels
-from fovden.warps._kept import is_compiled
-from fovden.warps._resample import cells_of, plans_of
 
 if TYPE_CHECKING:
     from fovden.warps.base import Prefilter
@@ -60,15 +58,6 @@ def resampled(warp: PolarWarp, values: Tensor, prefilter: Prefilter, *, back: bo
     if torch.compiler.is_compiling():
         return torch.ops.fovden.resample(*arguments)  # type: ignore[no-any-return]
     return _Resampled.apply(*arguments)  # type: ignore[no-any-return, no-untyped-call]
-
-
-def read_cells(warp: PolarWarp) -> Tensor:
-    """Which cells have a weight in any pixel, bool, shape (v, 1, h, w): where the adjoint of ones is not 0."""
-    ones = warp.gaze.pixels.new_ones(warp.view_count, 1, *warp.screen, dtype=torch.float32)
-    with torch.inference_mode(False), torch.no_grad():  # kept for later calls, whose mode may be another
-        if is_compiled(warp, ones):
-            return resampled(warp, ones, "area", back=True) > 0
-        return torch.stack([cells_of(plan) for plan in plans_of(warp, "area")])[:, None]
 
 
 def _run_resample(values: Tensor, warp: Tensor, prefilter: Any, size: list[int], back: bool) -> Tensor:

@@ -59,14 +59,9 @@ class Resampling(NamedTuple):
     arcs: Arcs
 
 
-def plans_of(warp: PolarWarp, prefilter: Prefilter) -> list[Resampling]:
-    """The map of each view, found once for a warp without gradients."""
-    return for_each_view(warp, f"plan {prefilter}", lambda view: resampling(view, prefilter))
-
-
 def composed(warp: PolarWarp, image: Tensor, prefilter: Prefilter) -> Tensor:
     """Values of pixels, (v, c, height, width), from values of cells: on any device, and in any floating type."""
-    plans = plans_of(warp, prefilter)
+    plans = for_each_view(warp, f"plan {prefilter}", lambda view: resampling(view, prefilter))
     out = torch.stack([resample(plan, each) for plan, each in zip(plans, image, strict=True)])
     return out.reshape(*out.shape[:2], *warp.screen)
 
@@ -169,23 +164,3 @@ def arc_means(plan: Resampling, image: Tensor) -> Tensor:
         return turns[:, None] * whole + low + (within - row)[:, None] * (high - low)
 
     return (running(arcs.end) - running(arcs.begin)) / (arcs.end - arcs.begin)[:, None]
-
-
-def cells_of(plan: Resampling) -> Tensor:
-    """Which cells have a weight in any pixel, bool, shape (h, w)."""
-    height, width = plan.resolution
-    found = torch.zeros(height * width, dtype=torch.bool, device=plan.near.device)
-    for cells, weights in zip(plan.cells, plan.weights, strict=True):
-        found[cells[weights > 0].long()] = True
-    kept = plan.arcs.weight > 0
-    column, begin, end = (each[kept].detach() for each in (plan.arcs.column, plan.arcs.begin, plan.arcs.end))
-    rows, start = plan.heights[column], begin.floor().long()
-    stop = start % rows + torch.minimum(end.ceil().long() - start, rows)
-    # One more where an arc begins and one less after its end; what goes beyond the last row goes on in row 0.
-    edges = torch.zeros((height + 1) * width, dtype=torch.int32, device=column.device)
-    beyond = stop > rows
-    steps = [(start % rows, column, 1), (torch.minimum(stop, rows), column, -1)]
-    steps += [(torch.zeros_like(stop[beyond]), column[beyond], 1), ((stop - rows)[beyond], column[beyond], -1)]
-    for row, place, step in steps:
-        edges.index_add_(0, row * width + place, torch.full_like(row, step, dtype=torch.int32))
-    return found.view(height, width) | (edges.view(height + 1, width).cumsum(0)[:height] > 0)

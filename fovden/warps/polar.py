@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, get_args
 
@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from fovden.checks import require, require_number, require_shapes
-from fovden.warps._kept import built, is_compiled
-from fovden.warps._operators import number_of, read_cells, resampled
+from fovden.warps._kept import is_compiled
+from fovden.warps._operators import number_of, resampled
 from fovden.warps._resample import composed, divided
 from fovden.warps.base import Prefilter, Warp
 from fovden.warps.blur import eccentricity_blur
@@ -78,9 +78,6 @@ class PolarWarp(Warp):
         names = get_args(FoveaBorder)
         require(self.fovea_border in names, "fovea_border", repr(self.fovea_border), f"one of {names}")
         self.number  # noqa: B018  not to be given while a function is compiled
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return built, (type(self), {each.name: getattr(self, each.name) for each in fields(self)})
 
     @abstractmethod
     def to_distance(self, fraction: Tensor) -> Tensor:
@@ -156,11 +153,6 @@ class PolarWarp(Warp):
         distance: Tensor = torch.linalg.vector_norm(corners - self.gaze.pixels.double()[:, None], dim=-1)
         return distance.amax(dim=1)
 
-    @cached_property
-    def read(self) -> Tensor:
-        """Whether :meth:`to_screen` reads a cell at all: bool, shape (v, 1, h, w); see :class:`Warp`."""
-        return read_cells(self)
-
     def polar(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Returns distance and angle of points on the screen, seen from the gaze.
 
@@ -207,9 +199,7 @@ class PolarWarp(Warp):
         return self._points(cells)
 
     def positions(self, jitter: tuple[float, float] = (0.0, 0.0)) -> Tensor:
-        """Returns where every place of the rectangle lies on the screen, in row-major order; see :class:`Warp`.
-
-        Distances depend on columns alone and angles on no gaze: much cheaper than :meth:`cell_to_screen`.
+        """Returns where every place of the rectangle lies on the screen; see :meth:`Warp.positions`.
 
         Example:
             >>> from fovden.foveation import Gaze, LogPolarWarp
@@ -225,9 +215,7 @@ class PolarWarp(Warp):
         return (self.gaze.pixels.double()[:, None] + offset.flatten(1, 2)).to(self.gaze.pixels.dtype)
 
     def screen_to_cell(self, points: Tensor) -> Tensor:
-        """Returns the cell coordinates of points on the screen: the inverse of :meth:`cell_to_screen`.
-
-        The row counts in the height of the column that x lies in, rounded.
+        """Returns the cell coordinates of points on the screen, rows in the height of the column that x lies in.
 
         Example:
             >>> from fovden.foveation import Gaze, LogPolarWarp
@@ -373,6 +361,13 @@ class PolarWarp(Warp):
         start = self.blur_start
         stop = torch.where(self.reach > start, self.reach, start + 1)  # a screen of a pixel or two ends before
         return eccentricity_blur(image, self.gaze, start=start, stop=stop, sigma=largest)
+
+    @cached_property
+    def read(self) -> Tensor:
+        """Whether :meth:`to_screen` reads a cell at all, as :attr:`Warp.read`: the adjoint of ones says so."""
+        with torch.inference_mode(False):
+            ones = self.gaze.pixels.new_ones(self.view_count, 1, *self.screen, dtype=torch.float32)
+            return resampled(self, ones, "area", back=True) > 0 if is_compiled(self, ones) else super().read
 
     def _points(self, cells: Tensor) -> Tensor:
         distance, angle, _ = self._place(cells)

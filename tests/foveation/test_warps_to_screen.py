@@ -157,11 +157,16 @@ def test_what_is_read_suffices(name):
 @pytest.mark.parametrize("gaze", GAZES)
 @pytest.mark.parametrize("name", WARPS)
 def test_what_is_read_has_a_weight(name, gaze):
-    """Against the adjoint of ones, in which the running sums of what is not read cancel but for rounding, 17 times."""
+    """The kernel's adjoint, and that of tensor operations, where running sums of what is not read are rounding."""
     warp = make(name, gaze)
     image = torch.zeros(warp.view_count, 1, *warp.resolution, dtype=torch.float64, requires_grad=True)
     (weight,) = torch.autograd.grad(warp.to_screen(image).sum(), image)
-    assert torch.equal(warp.read, weight > 1e-12)
+    for each in (
+        warp,
+        warp.to(torch.float32),
+        dataclasses.replace(warp, gaze=Gaze(warp.gaze.pixels.clone().requires_grad_())),
+    ):
+        assert torch.equal(each.read, weight > 1e-12)
 
 
 def test_at_the_gaze_stands_the_mean_of_the_first_column():
