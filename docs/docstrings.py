@@ -11,6 +11,8 @@ from typing import Any
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
 
+from fovden import frame
+from fovden.foveation import Warp
 from fovden.tracer import Scene
 
 
@@ -91,6 +93,7 @@ def leave_out_what_says_nothing(
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connects the functions above."""
+    vars(frame)["Warp"] = Warp  # known to type checkers alone where it is used, which leaves nothing to refer to
     app.connect("autodoc-process-docstring", describe_values, priority=50)
     app.connect("autodoc-process-docstring", show_as_written, priority=100)  # before napoleon
     app.connect("autodoc-process-docstring", keep_colons, priority=900)  # after it
