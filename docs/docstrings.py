@@ -11,6 +11,8 @@ from typing import Any
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
 
+from fovden import frame
+from fovden.foveation import Warp
 from fovden.tracer import Scene
 
 
@@ -73,9 +75,13 @@ def put_types_beside_names(_app: Sphinx, what: str, _name: str, _obj: Any, _opti
 def resolve_annotations(_app: Sphinx, what: str, _name: str, obj: Any, *_: Any) -> None:
     """Evaluates annotations, so that names such as ``Border`` show what they stand for."""
     function = vars(obj).get("__init__") if what == "class" else obj
+    names: dict[str, Any] = {"Scene": Scene}
+    if what == "class":  # a data class repeats annotations of its bases, written with the names that are known there
+        for base in reversed(obj.__mro__):
+            names |= vars(sys.modules[base.__module__])
     if hasattr(function, "__annotations__"):
         with contextlib.suppress(AttributeError):  # a method of a built-in class has nothing to set
-            function.__annotations__ = typing.get_type_hints(function, localns={"Scene": Scene})
+            function.__annotations__ = typing.get_type_hints(function, localns=names)
 
 
 def leave_out_what_says_nothing(
@@ -87,6 +93,7 @@ def leave_out_what_says_nothing(
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connects the functions above."""
+    vars(frame)["Warp"] = Warp  # known to type checkers alone where it is used, which leaves nothing to refer to
     app.connect("autodoc-process-docstring", describe_values, priority=50)
     app.connect("autodoc-process-docstring", show_as_written, priority=100)  # before napoleon
     app.connect("autodoc-process-docstring", keep_colons, priority=900)  # after it

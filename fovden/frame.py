@@ -7,18 +7,20 @@ unbounded Rec. 709 RGB in float32. The records are frozen: make a changed copy w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import torch
 from torch import Tensor
 
 from fovden._cards import eyes, not_finite, place_of, share, type_of
+from fovden._rasters import alike, stacked
 from fovden.camera import Camera, Gaze
 from fovden.checks import require, require_integer, require_shapes
 from fovden.preview import Picture, card, never_raising, ramp, shades, show, shrink, to_levels
-from fovden.warps import Warp
-from fovden.warps._alike import alike, stacked
+
+if TYPE_CHECKING:  # its kernels need not be there for a frame
+    from fovden.warps import Warp
 
 __all__ = ["Frame", "GBuffer", "Reference"]
 
@@ -375,6 +377,7 @@ def _map_tensors(record: Record, change: Callable[[Tensor], Tensor]) -> Record:
         value = getattr(record, field.name)
         if isinstance(value, Tensor):
             changed[field.name] = change(value)
-        elif isinstance(value, GBuffer | Camera | Gaze | Warp):
-            changed[field.name] = _map_tensors(value, change)
+        elif is_dataclass(value):
+            part: Any = value
+            changed[field.name] = _map_tensors(part, change)
     return replace(record, **changed)

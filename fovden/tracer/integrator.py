@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from fovden import parallel
+from fovden._rasters import same
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require, require_coordinates, require_integer
 from fovden.foveation.sample_map import SampleMap
@@ -29,7 +30,6 @@ from fovden.tracer.scene import Scene
 from fovden.tracer.sequence import Instant
 from fovden.tracer.shading import Listed, run_paths, shaded
 from fovden.warps import Warp
-from fovden.warps._alike import same
 
 __all__ = ["Integrator", "Sampler", "trace_frame"]
 

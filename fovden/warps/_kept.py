@@ -15,11 +15,6 @@ if TYPE_CHECKING:
     from fovden.warps.polar import PolarWarp
 
 
-def built(kind: type[PolarWarp], values: dict[str, Any]) -> PolarWarp:
-    """A warp of its fields: how copies are made, without what was kept."""
-    return kind(**values)
-
-
 def is_fixed(warp: PolarWarp) -> bool:
     """Whether no gradient is wanted of the gaze, or of what else is a tensor."""
     return not any(isinstance(each, Tensor) and each.requires_grad for each in (warp.gaze.pixels, *vars(warp).values()))

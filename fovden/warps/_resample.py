@@ -66,6 +66,13 @@ def composed(warp: PolarWarp, image: Tensor, prefilter: Prefilter) -> Tensor:
     return out.reshape(*out.shape[:2], *warp.screen)
 
 
+def divided(image: Tensor) -> Tensor:
+    """All channels but the last, divided by it; 0 where it is."""
+    total = image[:, -1:]
+    counts = total > torch.finfo(image.dtype).tiny
+    return torch.where(counts, image[:, :-1] / torch.where(counts, total, 1.0), 0.0)
+
+
 def resampling(warp: PolarWarp, prefilter: Prefilter) -> Resampling:
     """The map of a warp with one view."""
     found = footprints(warp, prefilter)

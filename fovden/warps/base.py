@@ -208,8 +208,7 @@ class Warp(ABC):
     def valid(self) -> Tensor:
         """Whether a place is a cell, and its centre on the screen: bool, shape (v, 1, h, w)."""
         points = self.positions().detach()
-        height, width = self.screen
-        inside = (points >= 0).all(-1) & (points[..., 0] < width) & (points[..., 1] < height)
+        inside = ((points >= 0) & (points < points.new_tensor(self.screen[::-1]))).all(-1)
         return inside.reshape(-1, 1, *self.resolution) & self.exists
 
     @cached_property
@@ -217,13 +216,13 @@ class Warp(ABC):
         """Whether :meth:`to_screen` reads a cell at all: bool, shape (v, 1, h, w).
 
         Pixels at the screen's edge lie between cells some of whose centres are outside. Tracing the cells that are
-        read, and no others, leaves no dark rim.
+        read, and no others, leaves no dark rim. It is where the adjoint of ones is more than rounding.
         """
         with torch.inference_mode(False), torch.enable_grad():  # kept for later calls, whose mode may be another
             shape = (self.view_count, 1, *self.resolution)
             image = torch.zeros(shape, device=self.gaze.pixels.device, requires_grad=True)
             (found,) = torch.autograd.grad(self.to_screen(image).sum(), image)
-            return found > 0
+            return found > 1e-9
 
     def __getstate__(self) -> dict[str, Any]:  # what is kept for later calls stays in its process
         return {field.name: getattr(self, field.name) for field in fields(self)}
@@ -310,10 +309,7 @@ class Warp(ABC):
     ) -> tuple[Tensor, Tensor]:
         """Returns where the surfaces that this frame's cells see lie in the previous frame's raster.
 
-        Motion is a vector on the screen, and each frame has a raster around its own gaze; for all cells
-
-            previous_cell = previous.screen_to_cell(cell_to_screen(cell) + motion)
-
+        For all cells ``previous_cell = previous.screen_to_cell(cell_to_screen(cell) + motion)``; motion is in pixels.
         The previous frame's value of cell (i, j) is that of (i + 0.5, j + 0.5) plus its own jitter.
 
         Args:
@@ -344,8 +340,8 @@ class Warp(ABC):
         require_shapes("v 2", sizes, **{"previous.gaze.pixels": previous.gaze.pixels})
         require(previous.screen == self.screen, "previous.screen", previous.screen, f"this one's, {self.screen}")
         before = self.positions(jitter).to(motion.dtype) + motion.flatten(2).mT
-        size = before.new_tensor([self.screen[1], self.screen[0]])
-        inside = ((before >= 0) & (before <= size)).all(-1).reshape(-1, 1, *self.resolution)
+        inside = ((before >= 0) & (before <= before.new_tensor(self.screen[::-1]))).all(-1)
+        inside = inside.reshape(-1, 1, *self.resolution)
         return previous.screen_to_cell(before).mT.reshape(motion.shape), inside & self.exists
 
     def from_screen(self, image: Tensor) -> Tensor:
@@ -392,9 +388,8 @@ class Warp(ABC):
         return replace(self, **moved)
 
     def _shift(self, jitter: tuple[float, float]) -> Tensor:
-        for shift in jitter:
-            within = -0.5 <= require_number("jitter", shift) < 0.5
-            require(within, "jitter", jitter, "shifts from -0.5 to below 0.5 cells")
+        within = all(-0.5 <= require_number("jitter", shift) < 0.5 for shift in jitter)
+        require(within, "jitter", jitter, "shifts from -0.5 to below 0.5 cells")
         return self.gaze.pixels.new_tensor(jitter)
 
     def _require_image(self, image: Tensor, mask: Tensor | None) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, get_args
 
@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from fovden.checks import require, require_number, require_shapes
-from fovden.warps._kept import built, is_compiled
+from fovden.warps._kept import is_compiled
 from fovden.warps._operators import number_of, resampled
-from fovden.warps._resample import composed
+from fovden.warps._resample import composed, divided
 from fovden.warps.base import Prefilter, Warp
 from fovden.warps.blur import eccentricity_blur
 from fovden.warps.topology import Topology
@@ -78,9 +78,6 @@ class PolarWarp(Warp):
         names = get_args(FoveaBorder)
         require(self.fovea_border in names, "fovea_border", repr(self.fovea_border), f"one of {names}")
         self.number  # noqa: B018  not to be given while a function is compiled
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return built, (type(self), {each.name: getattr(self, each.name) for each in fields(self)})
 
     @abstractmethod
     def to_distance(self, fraction: Tensor) -> Tensor:
@@ -202,9 +199,7 @@ class PolarWarp(Warp):
         return self._points(cells)
 
     def positions(self, jitter: tuple[float, float] = (0.0, 0.0)) -> Tensor:
-        """Returns where every place of the rectangle lies on the screen, in row-major order; see :class:`Warp`.
-
-        Distances depend on columns alone and angles on no gaze: much cheaper than :meth:`cell_to_screen`.
+        """Returns where every place of the rectangle lies on the screen; see :meth:`Warp.positions`.
 
         Example:
             >>> from fovden.foveation import Gaze, LogPolarWarp
@@ -220,9 +215,7 @@ class PolarWarp(Warp):
         return (self.gaze.pixels.double()[:, None] + offset.flatten(1, 2)).to(self.gaze.pixels.dtype)
 
     def screen_to_cell(self, points: Tensor) -> Tensor:
-        """Returns the cell coordinates of points on the screen: the inverse of :meth:`cell_to_screen`.
-
-        The row counts in the height of the column that x lies in, rounded.
+        """Returns the cell coordinates of points on the screen, rows in the height of the column that x lies in.
 
         Example:
             >>> from fovden.foveation import Gaze, LogPolarWarp
@@ -318,8 +311,7 @@ class PolarWarp(Warp):
 
         Differentiable: in ``image`` and ``mask``, with the exact adjoint, and in gaze and parameters almost everywhere.
 
-        Cost: four reads per pixel and channel, more where cells are smaller. As torch operations, which cells are read
-        is found once, in seconds, and kept, unless the warp has a gradient.
+        Cost: four reads per pixel and channel, more where cells are smaller; as torch operations, seconds for a gaze.
 
         Example:
             >>> from fovden.foveation import Gaze, LogPolarWarp
@@ -332,11 +324,7 @@ class PolarWarp(Warp):
         require(prefilter in names, "prefilter", repr(prefilter), f"one of {names}")
         weighted = image if mask is None else torch.cat([image * mask, mask.expand_as(image[:, :1]).to(image)], dim=1)
         out = (resampled if is_compiled(self, weighted) else composed)(self, weighted, prefilter)
-        if mask is None:
-            return out
-        total = out[:, -1:]
-        counts = total > torch.finfo(out.dtype).tiny
-        return torch.where(counts, out[:, :-1] / torch.where(counts, total, 1.0), 0.0)
+        return out if mask is None else divided(out)
 
     def blur(self, image: Tensor, strength: float | Tensor = 1.0) -> Tensor:
         """Returns an image on the screen, blurred the more the farther from the gaze, to hide the cells of the rim.
@@ -357,8 +345,7 @@ class PolarWarp(Warp):
 
         Differentiable: in ``image``, ``strength``, gaze and parameters.
 
-        Source: Koskela et al. 2019 describe it in words, without constants; these are ours. See
-        :func:`eccentricity_blur`.
+        Source: Koskela et al. 2019, in words; the constants are ours. See :func:`eccentricity_blur`.
 
         Example:
             >>> from fovden.foveation import Gaze, VisualPolarWarp
@@ -375,11 +362,12 @@ class PolarWarp(Warp):
         stop = torch.where(self.reach > start, self.reach, start + 1)  # a screen of a pixel or two ends before
         return eccentricity_blur(image, self.gaze, start=start, stop=stop, sigma=largest)
 
-    @property
+    @cached_property
     def read(self) -> Tensor:
         """Whether :meth:`to_screen` reads a cell at all, as :attr:`Warp.read`: the adjoint of ones says so."""
-        ones = self.gaze.pixels.new_ones(self.view_count, 1, *self.screen, dtype=torch.float32)
-        return resampled(self, ones, "area", back=True) > 0 if is_compiled(self, ones) else super().read
+        with torch.inference_mode(False):
+            ones = self.gaze.pixels.new_ones(self.view_count, 1, *self.screen, dtype=torch.float32)
+            return resampled(self, ones, "area", back=True) > 0 if is_compiled(self, ones) else super().read
 
     def _points(self, cells: Tensor) -> Tensor:
         distance, angle, _ = self._place(cells)

@@ -11,6 +11,7 @@ from torch.nn.functional import interpolate
 from fovden.camera import Camera, Gaze, StereoCamera
 from fovden.checks import require_shapes
 from fovden.warps._checks import gaze_of
+from fovden.warps._resample import divided
 from fovden.warps.base import Prefilter, Warp
 
 __all__ = ["ScreenWarp"]
@@ -128,9 +129,7 @@ class ScreenWarp(Warp):
         if mask is None:
             return self._interpolated(image)
         mask = mask.to(image)
-        total = self._interpolated(mask)
-        counts = total > torch.finfo(image.dtype).tiny
-        return torch.where(counts, self._interpolated(image * mask) / torch.where(counts, total, 1), 0)
+        return divided(self._interpolated(torch.cat([image * mask, mask.expand_as(image[:, :1])], dim=1)))
 
     def _interpolated(self, image: Tensor) -> Tensor:
         if self.resolution == self.screen:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TypeVar
 
 from fovden.checks import require, require_number
 from fovden.warps.base import Warp
 
 __all__ = ["warp_at_budget"]
-
-AnyWarp = TypeVar("AnyWarp", bound=Warp)
 
 STEPS = 12
 """Most sizes that are tried; counts are smooth in the size, so that three or four do."""
@@ -20,7 +17,7 @@ NEAR = 50
 """Widths are looked for this part of the width apart: after the first steps, one of them is enough nearly always."""
 
 
-def warp_at_budget(warp: AnyWarp, mean_spp: float) -> AnyWarp:
+def warp_at_budget(warp: Warp, mean_spp: float) -> Warp:
     """Returns a raster with as many cells to trace as a budget of paths per pixel of the screen, one path in each.
 
     How many cells a raster has on the screen depends on where the eye looks: of a polar one around the centre an eighth

@@ -154,6 +154,21 @@ def test_what_is_read_suffices(name):
     assert (warp.valid & ~warp.exists).sum() == 0
 
 
+@pytest.mark.parametrize("gaze", GAZES)
+@pytest.mark.parametrize("name", WARPS)
+def test_what_is_read_has_a_weight(name, gaze):
+    """The kernel's adjoint, and that of tensor operations, where running sums of what is not read are rounding."""
+    warp = make(name, gaze)
+    image = torch.zeros(warp.view_count, 1, *warp.resolution, dtype=torch.float64, requires_grad=True)
+    (weight,) = torch.autograd.grad(warp.to_screen(image).sum(), image)
+    for each in (
+        warp,
+        warp.to(torch.float32),
+        dataclasses.replace(warp, gaze=Gaze(warp.gaze.pixels.clone().requires_grad_())),
+    ):
+        assert torch.equal(each.read, weight > 1e-12)
+
+
 def test_at_the_gaze_stands_the_mean_of_the_first_column():
     warp = LogPolarWarp(Gaze(torch.tensor([[7.5, 4.5]]).double()), SMALL, (16, 3), alpha=1.0)  # wide columns
     image = noise(warp)

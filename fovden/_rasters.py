@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from fovden.camera import Gaze
-from fovden.warps.base import Warp
+
+if TYPE_CHECKING:  # a frame may hold a warp, but is imported without the kernels of one
+    from fovden.warps import Warp
 
 
 def alike(first: Warp | None, second: Warp | None) -> bool:
