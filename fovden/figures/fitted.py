@@ -86,12 +86,12 @@ def draw_fitted(folder: str | os.PathLike[str]) -> Path:
     path = Path(folder) / "fitted.png"
     metrics = [name for name in PANELS if any(key[2] == name for key in found)]
     with drawing():
-        figure = Figure(figsize=(PRINT_WIDTH, 2.5), layout="constrained")
+        figure = Figure(figsize=(PRINT_WIDTH, 2.7), layout="constrained")
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for panel, metric in zip(panels, metrics, strict=True):
             _draw_metric(panel, found, metric)
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=8, frameon=False, fontsize=SMALL)
+        figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=SMALL)
         save_figure(figure, path, 1.0)
     return path
 
