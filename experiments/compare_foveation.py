@@ -33,6 +33,7 @@ from experiments.tune_sigmas import present, say
 from fovden import color, metrics
 from fovden.camera import Gaze, StereoCamera
 from fovden.comparison.methods import file_name
+from fovden.figures import draw_foveations
 from fovden.filters import Denoiser, WarpedDenoiser, fill_holes
 from fovden.foveation import ThreeLayer
 from fovden.frame import Frame, Reference
@@ -292,7 +293,7 @@ def run(settings: Settings, folder: Path) -> None:
         for scene in settings.scenes:
             with results.stage(scene):
                 results.measurements += compare(scene, settings, references, folder / "fits")
-    print(table(results.measurements))
+    print(f"{table(results.measurements)}\nfigure: {draw_foveations(folder)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
