@@ -1,0 +1,167 @@
+"""How the columns of a polar raster lie beside each other, and the strips that make them agree.
+
+Here an image is transposed, (v, c, w, p): columns of the raster, which are distances, are rows of memory, and angles run
+along them. A column has as many places as its height says; the rest, up to p, is 0.
+
+A *strip* is a column as another one sees it that has n rows: row j of the strip is the row of the column that holds the
+angle of the other's row j. Strips wrap, and go on before row 0 and after row n - 1 as far as taps reach. So the taps of a
+row of pixels are shifted strips, whatever the heights.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fovden.filters.kernels.lanes import WIDTH
+from fovden.jit import Int, inlined, kernel
+
+BOTH, FORTH, BACK = 0, 1, 2
+
+
+class Columns(NamedTuple):
+    """The columns of a raster.
+
+    Attributes:
+        heights: Number of rows of each, int64, (w).
+        rotates: Whether what lies before column 0 is the column on the other side, half a turn away.
+    """
+
+    heights: NDArray[np.int64]
+    rotates: bool
+
+    def beside(self, step: int) -> Beside:
+        """The columns that taps stand in."""
+        width = len(self.heights)
+        column = np.arange(width) + step * np.arange(-2, 3)[:, None]
+        turned = (column < 0) & self.rotates
+        inside = np.where(turned, -1 - column, column)
+        return Beside(self.heights, np.clip(inside, 0, width - 1), turned.astype(np.int64))
+
+    def pairs(self, step: int, active: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Pairs of columns of which one has read the other, for :func:`gather_columns`.
+
+        Where two columns of one height are each other's taps, one pair serves both directions. Elsewhere a column has a
+        pair for what it has read, and another for what has been read of it.
+
+        Args:
+            step: Distance between taps.
+            active: Which columns have filtered anything, (w).
+
+        Returns:
+            The pairs (column, other, turned, number of the tap, kind), sorted by column, those in which the column
+            itself is read last, (n, 5); and where those of each column begin that has any, and end.
+        """
+        beside = self.beside(step)
+        tap, own = np.indices(beside.column.shape)
+        other, turned = beside.column, beside.turned
+        alike = (own + (tap - 2) * step == other) & (self.heights[own] == self.heights[other])
+        there = [own, other, turned, tap, np.where(alike, BOTH, FORTH)]
+        back = [other, own, turned, 4 - tap, np.full_like(tap, BACK)]
+        read = active[own] | (alike & active[other])
+        found = np.concatenate(
+            [np.stack(there, -1)[read], np.stack(back, -1)[active[own] & ~alike]]  # C order: tap by tap
+        )
+        found = found[np.lexsort((found[:, 4] == BACK, found[:, 0]))]
+        first = np.flatnonzero(np.diff(found[:, 0], prepend=-1))
+        return found, np.append(first, len(found))
+
+
+class Beside(NamedTuple):
+    """Where the taps of one distance stand.
+
+    Attributes:
+        heights: Number of rows of each column, (w).
+        column: The column of each of the five taps, (5, w).
+        turned: 1 where that is half a turn away, (5, w).
+    """
+
+    heights: Any
+    column: Any
+    turned: Any
+
+
+@kernel
+def transpose(start: Int, stop: Int, source: Any, lengths: Any, rest: Any, target: Any) -> None:
+    """Transposes planes, (n, h, w) to (n, w, p): bands of sixteen rows of the target, counted through all planes.
+
+    Row r of a target has its first ``lengths[r]`` places filled, and the others with ``rest``.
+    """
+    rows, places = target.shape[1], target.shape[2]
+    bands = -(-rows // WIDTH)
+    for item in range(start, stop):
+        n, top = item // bands, item % bands * WIDTH
+        for left in range(0, places, WIDTH):
+            right = min(left + WIDTH, places)
+            for r in range(top, min(top + WIDTH, rows)):
+                end = max(left, min(right, lengths[r]))
+                for k in range(left, end):
+                    target[n, r, k] = source[n, k, r]
+                for k in range(end, right):
+                    target[n, r, k] = rest
+
+
+@inlined
+def find_rows(first: Int, count: Int, own: Int, other: Int, turned: Int, rows: Any) -> None:
+    """Writes which rows of a column of ``other`` rows hold the angles of rows first, first + 1, ... of one of ``own``.
+
+    Row j' = floor(((2 j + 1) + turned own) other / (2 own)) mod other, by adding: a division for each would cost more.
+    """
+    numerator = (2 * (first % own) + 1 + turned * own) * other
+    row, rest = numerator // (2 * own) % other, numerator % (2 * own)
+    whole, part = other // own, 2 * (other % own)
+    for k in range(count):
+        rows[k] = row
+        row += whole
+        rest += part
+        if rest >= 2 * own:
+            rest -= 2 * own
+            row += 1
+        if row >= other:
+            row -= other
+
+
+@inlined
+def read_strip(source: Any, plane: Int, channels: Int, rows: Any, count: Int, height: Int, agrees: bool, out: Any,
+               out_plane: Int) -> None:  # fmt: skip
+    """Reads the rows of a column, of some channels.
+
+    Args:
+        source: The column in the first channel.
+        plane: Distance of channels there.
+        channels: Their number.
+        rows: Which rows, as of :func:`find_rows`; the first is enough where the heights agree.
+        count: How many.
+        height: Rows of the column.
+        agrees: Whether as many as those of whoever sees it: then they follow each other.
+        out: Receives them.
+        out_plane: Distance of channels there.
+    """
+    for k in range(channels):
+        base, to = k * plane, k * out_plane
+        if agrees:
+            done, row = np.int64(0), rows[0]
+            while done < count:
+                length = min(count - done, height - row)
+                for place in range(length):
+                    out[to + done + place] = source[base + row + place]
+                done, row = done + length, np.int64(0)
+        else:
+            for place in range(count):
+                out[to + place] = source[base + rows[place]]
+
+
+@inlined
+def clear_strip(channels: Int, count: Int, out: Any, out_plane: Int) -> None:
+    """Writes zeros instead."""
+    for k in range(channels):
+        for place in range(count):
+            out[k * out_plane + place] = np.float32(0)
+
+
+@inlined
+def aligned(floats: Any) -> Any:
+    """What of an array begins at a cache line; up to fifteen numbers are left out."""
+    return floats[(-np.int64(floats.ctypes.data) % 64) // 4 :]
