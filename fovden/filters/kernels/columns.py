@@ -13,10 +13,15 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from fovden.filters.kernels.lanes import WIDTH
-from fovden.jit import Int, inlined, kernel
+from fovden.jit import Int, inlined, kernel, vectorised
+from fovden.simd import FLOATS, I32, I64, advanced, pointer_to
 
 BOTH, FORTH, BACK = 0, 1, 2
 
@@ -83,6 +88,46 @@ class Beside(NamedTuple):
     turned: Any
 
 
+@intrinsic
+def transpose_block_vector(context: Any, source: Any, pitch: Any, target: Any, target_pitch: Any) -> Any:
+    """Transposes sixteen rows of sixteen places."""
+    element = source.dtype
+
+    def generate(backend: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        source, pitch, target, target_pitch = arguments
+        kind = ir.VectorType(backend.get_data_type(element), WIDTH)
+
+        def place(pointer: Any, distance: Any, row: int) -> Any:
+            offset = builder.mul(distance, ir.Constant(I64, row))
+            return builder.bitcast(builder.gep(pointer, [offset]), kind.as_pointer())
+
+        rows = [builder.load(place(source, pitch, row), align=1) for row in range(WIDTH)]
+        for apart in (1, 2, 4, 8):  # swaps the corners of squares of twice that size
+            upper = [j + WIDTH - apart if j & apart else j for j in range(WIDTH)]
+            lower = [j + WIDTH if j & apart else j + apart for j in range(WIDTH)]
+            masks = [ir.Constant(ir.VectorType(I32, WIDTH), each) for each in (upper, lower)]
+            for row in range(WIDTH):
+                if not row & apart:
+                    pair = rows[row], rows[row + apart]
+                    rows[row], rows[row + apart] = (builder.shuffle_vector(*pair, mask) for mask in masks)
+        for row in range(WIDTH):
+            builder.store(rows[row], place(target, target_pitch, row), align=1)
+        return backend.get_dummy_value()
+
+    return types.none(source, types.int64, target, types.int64), generate
+
+
+@inlined
+def transpose_block_plain(source: Any, pitch: Int, target: Any, target_pitch: Int) -> None:
+    """:data:`transpose_block_vector`, one place after the other."""
+    for row in range(WIDTH):
+        for place in range(WIDTH):
+            target[row * target_pitch + place] = source[place * pitch + row]
+
+
+transpose_block = transpose_block_vector if vectorised() else transpose_block_plain
+
+
 @kernel
 def transpose(start: Int, stop: Int, source: Any, lengths: Any, rest: Any, target: Any) -> None:
     """Transposes planes, (n, h, w) to (n, w, p): bands of sixteen rows of the target, counted through all planes.
@@ -90,17 +135,22 @@ def transpose(start: Int, stop: Int, source: Any, lengths: Any, rest: Any, targe
     Row r of a target has its first ``lengths[r]`` places filled, and the others with ``rest``.
     """
     rows, places = target.shape[1], target.shape[2]
-    bands = -(-rows // WIDTH)
+    pitch, bands = source.shape[2], -(-rows // WIDTH)
     for item in range(start, stop):
         n, top = item // bands, item % bands * WIDTH
+        height = min(WIDTH, rows - top)
+        shortest = lengths[top]
+        for r in range(top, top + height):
+            shortest = min(shortest, lengths[r])
+        begin = advanced(pointer_to(source), n * source.shape[1] * pitch + top)
+        out = advanced(pointer_to(target), (n * rows + top) * places)
         for left in range(0, places, WIDTH):
-            right = min(left + WIDTH, places)
-            for r in range(top, min(top + WIDTH, rows)):
-                end = max(left, min(right, lengths[r]))
-                for k in range(left, end):
-                    target[n, r, k] = source[n, k, r]
-                for k in range(end, right):
-                    target[n, r, k] = rest
+            if height == WIDTH and left + WIDTH <= shortest:
+                transpose_block(advanced(begin, left * pitch), pitch, advanced(out, left), places)
+                continue
+            for r in range(height):
+                for k in range(left, min(left + WIDTH, places)):
+                    out[r * places + k] = begin[k * pitch + r] if k < lengths[top + r] else rest
 
 
 @inlined
@@ -121,6 +171,18 @@ def find_rows(first: Int, count: Int, own: Int, other: Int, turned: Int, rows: A
             row += 1
         if row >= other:
             row -= other
+
+
+@intrinsic
+def copy_floats(context: Any, source: Any, target: Any, count: Any) -> Any:
+    """Copies numbers from one place to another."""
+
+    def generate(backend: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        source, target, count = arguments
+        cgutils.raw_memcpy(builder, target, source, count, 4)
+        return backend.get_dummy_value()
+
+    return types.none(FLOATS, FLOATS, types.int64), generate
 
 
 @inlined
@@ -145,8 +207,7 @@ def read_strip(source: Any, plane: Int, channels: Int, rows: Any, count: Int, he
             done, row = np.int64(0), rows[0]
             while done < count:
                 length = min(count - done, height - row)
-                for place in range(length):
-                    out[to + done + place] = source[base + row + place]
+                copy_floats(advanced(source, base + row), advanced(out, to + done), length)
                 done, row = done + length, np.int64(0)
         else:
             for place in range(count):

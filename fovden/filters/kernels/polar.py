@@ -17,6 +17,9 @@ import numpy as np
 
 from fovden.filters.kernels.back import TAP_SUMS, WIDTH_SUMS, Gradients, hand_back
 from fovden.filters.kernels.blend import (
+    ALL_SCALES,
+    ALL_SUMS,
+    BLOCKS,
     SCALES,
     SUMS,
     ZERO,
@@ -30,7 +33,6 @@ from fovden.filters.kernels.blend import (
 )
 from fovden.filters.kernels.columns import (
     BACK,
-    BOTH,
     FORTH,
     Beside,
     aligned,
@@ -46,6 +48,43 @@ from fovden.simd import advanced, pointer_to, stack_floats
 
 # Channels of strips: radiance, normal and position, the mask; on the way back light and scales.
 GUIDED, READ, LIGHT, SCALED, GATHERS = 9, 10, 10, 14, 17
+
+
+@inlined
+def room_for(channels: Int, places: Int, step: Int) -> Any:
+    """An array of two strips of some channels, the places of one, and at which of them the second one's row 0 is.
+
+    Row 0 begins a cache line, and channels are never a multiple of 4 KiB apart, or all would meet in one place of a cache.
+    """
+    around = -(-2 * step // WIDTH) * WIDTH
+    longest = (-(-places // WIDTH) * WIDTH + 2 * around) | WIDTH
+    return aligned(np.empty(channels * 2 * longest + WIDTH, np.float32)), longest, around
+
+
+@inlined
+def inner_blocks(first: Int, blocks: Int, height: Int, step: Int) -> Any:
+    """Of the blocks from row ``first`` on, the first and the end of those whose taps do not go around."""
+    begin = -(-max(0, 2 * step - first) // WIDTH)
+    end = (height - 2 * step - first) // WIDTH
+    return min(begin, blocks), max(min(begin, blocks), min(end, blocks))
+
+
+@inlined
+def part_of(view: View, strips: Any, apart: Int, direct: bool) -> View:
+    """The view itself, or strips as one."""
+    return View(
+        view.image if direct else strips,
+        view.mask if direct else advanced(strips, GUIDED * apart),
+        view.known,
+        view.normal if direct else advanced(strips, 3 * apart),
+        view.position if direct else advanced(strips, 6 * apart),
+        view.labels,
+        view.factors,
+        False,
+        view.height,
+        view.width,
+        view.plane if direct else apart,
+    )
 
 
 @inlined
@@ -95,51 +134,66 @@ def blend_columns(
         fills: As there.
         tape: As there.
     """
-    longest, around = image.shape[3] + 4 * step, 2 * step
-    strips, rows = np.empty((READ, 2, longest), np.float32), np.empty(longest, np.int64)
-    floats = aligned(np.empty(image.shape[3] // WIDTH * (SUMS + SCALES) + WIDTH, np.float32))
-    all_sums, all_scales = pointer_to(floats), advanced(pointer_to(floats), image.shape[3] // WIDTH * SUMS)
-    here, there, apart = pointer_to(strips), advanced(pointer_to(strips), longest), 2 * longest
-    tapes = tape.shape[0] > 0
+    strips, longest, around = room_for(READ, BLOCKS * WIDTH, step)
+    rows, tapes = np.empty(longest, np.int64), tape.shape[0] > 0
+    here, there, apart = pointer_to(strips), advanced(pointer_to(strips), longest + around), 2 * longest
+    all_sums, all_scales = stack_floats(ALL_SUMS), stack_floats(ALL_SCALES)
     for run in range(start, stop):
-        first, number = np.int64(runs[run, 1]) * WIDTH, np.int64(runs[run, 3])
         which, column = np.int64(runs[run, 0]) // image.shape[2], np.int64(runs[run, 0]) % image.shape[2]
-        view = view_of(which, image, mask, known, guides)
-        height, plane, at = beside.heights[column], view.plane, column * view.width + first
-        count = min(np.int64(runs[run, 2]) * WIDTH, height) - first
-        length, blocks = count + 4 * step, -(-count // WIDTH)
+        number, view = np.int64(runs[run, 3]), view_of(which, image, mask, known, guides)
+        height, plane = beside.heights[column], view.plane
         inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
-        for k in range(blocks * SUMS):
-            all_sums[k] = ZERO
-        for block in range(blocks):
-            x, scales = block * WIDTH, advanced(all_scales, SCALES * block)
-            scale_block(
-                inverse, view.known, view.factors, view.has_factors, plane, at + x, first + x, height, scales
-            )  # fmt: skip
-        find_rows(first, 1, height, height, 0, rows)
-        read_guides(view, column, rows, blocks * WIDTH, height, True, here, apart)
-        for tap in range(5):
-            other, turned = beside.column[tap, column], beside.turned[tap, column]
-            rows_there = beside.heights[other]
-            agrees = rows_there == height
-            find_rows(first - around, 1 if agrees else length, height, rows_there, turned, rows)
-            read_guides(view, other, rows, length, rows_there, agrees, there, apart)
-            for block in range(blocks):
-                x = block * WIDTH
-                add_taps(
-                    here, advanced(here, 3 * apart), advanced(here, 6 * apart), advanced(here, GUIDED * apart), apart,
-                    x, longest + around + x, around + x, length, step, advanced(taps, 5 * tap),
-                    advanced(all_scales, SCALES * block), advanced(all_sums, SUMS * block),
-                )  # fmt: skip
         view_out = advanced(pointer_to(out), 3 * which * plane)
         view_next = advanced(pointer_to(next_mask), which * plane)
         view_tape = advanced(pointer_to(tape), tape.shape[1] * which * plane)
-        for block in range(blocks):
-            x = block * WIDTH
-            finish_block(
-                advanced(all_sums, SUMS * block), view.image, view.known, view.labels, plane, at + x, first + x,
-                height, passes.labels[number], view_out, view_next, fills, view_tape, tapes,
-            )  # fmt: skip
+        for left in range(np.int64(runs[run, 1]), np.int64(runs[run, 2]), BLOCKS):
+            first, blocks = left * WIDTH, min(BLOCKS, np.int64(runs[run, 2]) - left)
+            at, length = column * view.width + first, np.int64(0)
+            for k in range(blocks * SUMS):
+                all_sums[k] = ZERO
+            for block in range(blocks):
+                x, scales = block * WIDTH, advanced(all_scales, SCALES * block)
+                scale_block(
+                    inverse, view.known, view.factors, view.has_factors, plane, at + x, first + x, height, scales
+                )  # fmt: skip
+            is_here = False
+            for tap in range(5):
+                other, turned = beside.column[tap, column], beside.turned[tap, column]
+                its_height = beside.heights[other]
+                agrees = its_height == height
+                inner, end = inner_blocks(first, blocks, height, step) if agrees and turned == 0 else (blocks, blocks)
+                for part in range(3):
+                    begin, stop_ = (0, inner, end)[part], (inner, end, blocks)[part]
+                    direct = part == 1
+                    if begin == stop_:
+                        continue
+                    if not direct:
+                        top = begin * WIDTH
+                        if not is_here:
+                            rows[0] = first + top
+                            count = (stop_ - begin) * WIDTH
+                            read_guides(view, column, rows, count, view.width, True, advanced(here, top), apart)
+                            is_here = count == blocks * WIDTH
+                        length = min(stop_ * WIDTH, height - first) - top + 4 * step
+                        find_rows(first + top - 2 * step, 1 if agrees else length, height, its_height, turned, rows)
+                        read_guides(view, other, rows, length, its_height, agrees, advanced(there, top - 2 * step), apart)
+                    strip = part_of(view, here, apart, direct)
+                    for block in range(begin, stop_):
+                        x = block * WIDTH
+                        own = at + x if direct else x
+                        its = other * view.width + first + x if direct else longest + around + x
+                        place = first + x if direct else x - begin * WIDTH + 2 * step
+                        add_taps(
+                            strip.image, strip.normal, strip.position, strip.mask, strip.plane, own, its, place,
+                            height if direct else length, step, advanced(taps, 5 * tap),
+                            advanced(all_scales, SCALES * block), advanced(all_sums, SUMS * block),
+                        )  # fmt: skip
+            for block in range(blocks):
+                x = block * WIDTH
+                finish_block(
+                    advanced(all_sums, SUMS * block), view.image, view.known, view.labels, plane, at + x, first + x,
+                    height, passes.labels[number], view_out, view_next, fills, view_tape, tapes,
+                )  # fmt: skip
 
 
 @kernel
@@ -181,13 +235,13 @@ def gather_columns(
         width_sums: As there, for each column.
         tap_sums: As there, for each column.
     """
-    longest, around = image.shape[3] + 4 * step, 2 * step
-    strips, rows = np.empty((GATHERS, 2, longest), np.float32), np.empty(longest, np.int64)
+    strips, longest, around = room_for(GATHERS, image.shape[3], step)
+    rows = np.empty(longest, np.int64)
     floats = aligned(np.empty(2 * image.shape[3] // WIDTH * GATHER_SUMS + WIDTH, np.float32))
     own_sums, its_sums = pointer_to(floats), advanced(pointer_to(floats), image.shape[3] // WIDTH * GATHER_SUMS)
     run_taps, run_widths = stack_floats(TAP_SUMS), stack_floats(WIDTH_SUMS)
-    here, there, apart = pointer_to(strips), advanced(pointer_to(strips), longest), 2 * longest
-    strip_shares = Shares(strips[LIGHT:], strips[SCALED:], shares.differ)
+    here, there, apart = pointer_to(strips), advanced(pointer_to(strips), longest + around), 2 * longest
+    strip_shares = Shares(strips[LIGHT * apart :], strips[SCALED * apart :], shares.differ)
     inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
     view = view_of(0, image, mask, mask, guides)
     plane, width = view.plane, view.width
@@ -212,8 +266,9 @@ def gather_columns(
             count, length = -(-frame // WIDTH), frame + 4 * step
             agrees = heights[other] == frame
             wanted = 1 if agrees else length
-            find_rows(-around, wanted, frame, heights[other], turned if kind == FORTH else 0, rows)
-            read_all(view, shares, other, rows, length, heights[other], agrees, kind != FORTH, there, apart)
+            find_rows(-2 * step, wanted, frame, heights[other], turned if kind == FORTH else 0, rows)
+            begin = advanced(there, -2 * step)
+            read_all(view, shares, other, rows, length, heights[other], agrees, kind != FORTH, begin, apart)
             if kind == BACK or not is_here:
                 find_rows(0, count * WIDTH, frame, height, turned if kind == BACK else 0, rows)
                 read_all(view, shares, column, rows, count * WIDTH, height, frame == height, kind != BACK, here, apart)
@@ -226,7 +281,7 @@ def gather_columns(
             for block in range(count):
                 x = block * WIDTH
                 gather_taps(
-                    with_width(strip_view, length), strip_shares, everything, x, longest + around + x, around + x,
+                    with_width(strip_view, length), strip_shares, everything, x, longest + around + x, 2 * step + x,
                     step, inverse, advanced(taps, 5 * tap), advanced(taps, 20 - 5 * tap),
                     advanced(frame_sums, GATHER_SUMS * block), advanced(run_taps, 5 * WIDTH * tap),
                 )  # fmt: skip
