@@ -34,7 +34,7 @@ TILE = 16
 """Runs that a thread takes at a time: rows, in most images, of some tens of microseconds each."""
 
 COLUMNS_TILE = 4
-"""Columns of a polar raster: those at its borders are read by many."""
+"""Columns on the way back: those at the borders of a polar raster have been read by many."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
     passes, guides = inputs.arrays()
     image, mask = inputs.radiance.contiguous(), inputs.mask.contiguous()
     known = np.ones(mask.shape, np.float32) if inputs.known is None else _copy(inputs.known)
-    levels = list(_levels(inputs))
+    levels = list(_levels(inputs, columns))
     channels = 5 if inputs.fill else 4
     tape = empty_on_large_pages(len(levels) if save else 0, len(image), channels, *image.shape[2:])
     nothing = np.empty((0, channels, *image.shape[2:]), np.float32)
@@ -168,7 +168,7 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
         if columns is None:
             run(blend_runs, len(level.runs), arguments, tile=TILE)
         else:
-            run(blend_columns, len(level.runs), (columns.beside(level.step), *arguments), tile=COLUMNS_TILE)
+            run(blend_columns, len(level.runs), (columns.beside(level.step), *arguments), tile=TILE)
         before, image, mask = image, spare, next_mask
         spare = None if number == 0 else before  # the input is not ours to write to
         if spare is not None and number + 1 < len(levels) and levels[number + 1].chosen is not level.chosen:
@@ -249,7 +249,7 @@ def _walk_back(
     passes, guides = inputs.arrays()
     light, gradients = _array(scratch.light), Gradients(*map(_array, sums))
     no_factors = np.empty((0, 3, 1, 1), np.float32)
-    levels = list(_levels(inputs))
+    levels = list(_levels(inputs, columns))
     is_ours = False  # the image: to be written to
     for number in reversed(range(len(levels))):
         level, own = levels[number], _array(tape[number])
@@ -330,7 +330,7 @@ class _Level(NamedTuple):
     is_whole: bool
 
 
-def _levels(inputs: Inputs) -> Iterator[_Level]:
+def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
     """The passes, level by level; levels that work on the same labels share the array of their blocks."""
     views, _, height, width = inputs.radiance.shape
     marks = np.ones((views * height, -(-width // WIDTH)), np.int32)
@@ -338,6 +338,7 @@ def _levels(inputs: Inputs) -> Iterator[_Level]:
         labels = _array(inputs.region).reshape(-1, width)
         run(mark_blocks, len(labels), (labels, marks), tile=64)
     found: dict[tuple[int, ...], Any] = {}
+    unlabelled = inputs.region is None if columns is None else columns.whole
     for _, group in groupby(range(len(inputs.steps)), lambda number: inputs.levels[number]):
         members = list(group)
         labels_ = tuple(inputs.labels[number] for number in members)
@@ -346,7 +347,7 @@ def _levels(inputs: Inputs) -> Iterator[_Level]:
             found[labels_] = np.logical_or.reduce(own), [runs_of(blocks, 0) for blocks in own]
         chosen, own_runs = found[labels_]
         runs = np.concatenate([np.add(each, [0, 0, 0, number]) for each, number in zip(own_runs, members, strict=True)])
-        is_whole = inputs.region is None and labels_ == (0,)
+        is_whole = unlabelled and labels_ == (0,)
         yield _Level(inputs.steps[members[0]], members, chosen, runs.astype(np.int32), is_whole)
 
 

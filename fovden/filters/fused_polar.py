@@ -8,19 +8,17 @@ other side of it, -1 - i'. Its row holds the same angle as row j + dy of column 
 
 where turned is 1 on the other side (:meth:`fovden.foveation.warps.polar.PolarWarp.neighbour`). All taps exist.
 
-Images are transposed once for all passes, so that angles run along memory, and are worked on by what works on the screen
-(:mod:`fovden.filters.fused`): a column seen from another one is a strip of it, as a row of pixels is (see
-:mod:`fovden.filters.kernels.columns`). What lies below a column's height is never read and comes out as 0.
+Images are transposed once for all passes, so that angles run along memory. Then a column is to a filter what a row of
+pixels is, and :mod:`fovden.filters.fused` works on it: a column of the same height as it lies, and another one as a
+strip of it that is made for the column that looks. What lies below a column's height is never read and comes out as 0.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from fovden.checks import require, require_shapes
@@ -29,7 +27,7 @@ from fovden.filters.kernels.columns import Columns, transpose
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.parallel import run
 
-__all__ = ["blend_polar_stack", "return_polar_gradients"]
+__all__ = ["blend_polar_stack", "places_of", "return_polar_gradients"]
 
 NOWHERE = 31
 """The label of what is no cell; no pass has it."""
@@ -44,12 +42,12 @@ def blend_polar_stack(inputs: Inputs, heights: Tensor, rotate: bool, *, save: bo
     Args:
         inputs: What they read, images of shape (v, c, h, w) with a column for each distance.
         heights: Number of cells of each column, from 1 to h, int64, shape (w,).
-        rotate: Whether what lies before column 0 is the column on the other side, half a turn away, instead of column 0.
+        rotate: Whether what lies before column 0 is the column on the other side of the gaze, instead of column 0.
         save: Whether to keep what the way back needs.
 
     Returns:
-        The outcome, 0 below the columns' heights; ``tape`` has the shape (levels, v, 4 or 5, w, p) with p = h rounded up
-        to a multiple of 16.
+        The outcome, 0 below the columns' heights; ``tape`` has the shape (levels, v, 4 or 5, w, p) with p of
+        :func:`places_of`.
 
     Raises:
         ShapeError: If there is not one height for each column.
@@ -66,11 +64,11 @@ def blend_polar_stack(inputs: Inputs, heights: Tensor, rotate: bool, *, save: bo
     """
     columns = _columns(inputs, heights, rotate)
     blended = blend_stack(_transposed(inputs, columns), save=save, columns=columns)
-    height, width = inputs.mask.shape[2:]
+    height = inputs.mask.shape[2]
     return Blended(
-        _back(blended.image, height, width),
-        _back(blended.known.view(torch.uint8), height, width).view(torch.bool),
-        _back(blended.mask, height, width) if inputs.fill else inputs.mask,
+        _back(blended.image, columns, height),
+        _back(blended.known.view(torch.uint8), columns, height).view(torch.bool),
+        _back(blended.mask, columns, height) if inputs.fill else inputs.mask,
         blended.tape,
     )
 
@@ -112,7 +110,6 @@ def return_polar_gradients(
         24.0
     """
     columns = _columns(inputs, heights, rotate)
-    height, width = inputs.mask.shape[2:]
     returned = return_gradients(
         _transposed(inputs, columns),
         blended._replace(image=_forth(blended.image, columns)),
@@ -123,10 +120,27 @@ def return_polar_gradients(
     )
     names = "radiance", "normal", "position", "mask", "factors"
     planes = {name: getattr(returned, name) for name in names}
-    turned: dict[str, Any] = {name: _back(plane, height, width) for name, plane in planes.items() if plane is not None}
+    height = inputs.mask.shape[2]
+    turned = {name: _back(plane, columns, height) for name, plane in planes.items() if plane is not None}
     if returned.kernels is not None:
         turned["kernels"] = returned.kernels.transpose(1, 2).contiguous()
     return returned._replace(**turned)
+
+
+def places_of(height: int) -> int:
+    """Returns how many places a column of a raster has in memory: whole blocks, so that each begins a cache line.
+
+    Args:
+        height: Rows of the raster.
+
+    Returns:
+        The height, rounded up to a multiple of 16.
+
+    Example:
+        >>> places_of(900)
+        912
+    """
+    return -(-height // WIDTH) * WIDTH
 
 
 def _columns(inputs: Inputs, heights: Tensor, rotate: bool) -> Columns:
@@ -134,42 +148,46 @@ def _columns(inputs: Inputs, heights: Tensor, rotate: bool) -> Columns:
     require_shapes("w", {"w": width}, heights=heights)
     least, most = int(heights.min()), int(heights.max())
     require(least >= 1 and most <= height, "heights", f"{least} to {most}", f"1 to {height}, the raster's height")
-    return Columns(np.ascontiguousarray(heights.detach().numpy(), np.int64), rotate)
+    return Columns(np.array(heights.detach().numpy(), np.int64), rotate, inputs.region is None)
 
 
 def _transposed(inputs: Inputs, columns: Columns) -> Inputs:
     """The inputs with columns as rows of memory; what is no cell has a label of its own."""
-    known = torch.ones_like(inputs.mask) if inputs.known is None else inputs.known
-    region = torch.zeros_like(inputs.mask, dtype=torch.uint8) if inputs.region is None else inputs.region
+    views, _, height, width = inputs.mask.shape
+    exists = np.arange(places_of(height)) < columns.heights[:, None]
+    labels = np.zeros((views, 1, *exists.shape), np.uint8)
+    if inputs.region is not None:
+        labels = _forth(inputs.region, columns).numpy()
+    labels[..., ~exists] = NOWHERE
+    known = np.tile(exists.astype(np.float32), (views, 1, 1, 1))
     return replace(
         inputs,
         radiance=_forth(inputs.radiance, columns),
         normal=_forth(inputs.normal, columns),
         position=_forth(inputs.position, columns),
         mask=_forth(inputs.mask, columns),
-        known=_forth(known, columns),
-        region=_forth(region, columns, NOWHERE),
+        known=torch.from_numpy(known) if inputs.known is None else _forth(inputs.known, columns),
+        region=torch.from_numpy(labels),
         factors=None if inputs.factors is None else _forth(inputs.factors, columns),
         kernels=None if inputs.kernels is None else inputs.kernels.transpose(1, 2),
     )
 
 
-def _forth(image: Tensor, columns: Columns, rest: int = 0) -> Tensor:
-    """An image, (v, c, h, w), as (v, c, w, p), float32 or bytes."""
-    kind = np.uint8 if image.dtype == torch.uint8 else np.float32
-    source = np.asarray(image.detach().contiguous().numpy(), kind)
-    return _transpose(source, columns.heights, -(-source.shape[2] // WIDTH) * WIDTH, rest)
+def _forth(image: Tensor, columns: Columns) -> Tensor:
+    """An image, (v, c, h, w), as (v, c, w, p); flags and labels stay bytes."""
+    source = image.detach().contiguous()
+    if source.dtype == torch.bool:
+        source = source.view(torch.uint8)
+    return _transpose(source, columns, (image.shape[3], places_of(image.shape[2])), back=False)
 
 
-def _back(image: Tensor, height: int, width: int) -> Tensor:
+def _back(image: Tensor, columns: Columns, height: int) -> Tensor:
     """And back."""
-    return _transpose(image.numpy(), np.full(height, width), width, 0)
+    return _transpose(image, columns, (height, image.shape[2]), back=True)
 
 
-def _transpose(source: NDArray[Any], lengths: NDArray[np.int64], places: int, rest: int) -> Tensor:
-    views, channels, height, width = source.shape
-    rows = len(lengths)
-    target = np.empty((views, channels, rows, places), source.dtype)
-    arrays = source.reshape(-1, height, width), lengths, source.dtype.type(rest), target.reshape(-1, rows, places)
-    run(transpose, views * channels * -(-rows // WIDTH), arrays, tile=TILE)
-    return torch.from_numpy(target)
+def _transpose(source: Tensor, columns: Columns, size: tuple[int, int], *, back: bool) -> Tensor:
+    planes = source.numpy().reshape(-1, *source.shape[2:])
+    target = np.empty((len(planes), *size), planes.dtype)
+    run(transpose, len(planes) * -(-size[0] // WIDTH), (planes, columns.heights, back, target), tile=TILE)
+    return torch.from_numpy(target).view(*source.shape[:2], *size)

@@ -71,7 +71,9 @@ def polar_twin(raster, made, plan, *, known, region, fill):
     known, label = full if known is None else known, torch.zeros_like(full, dtype=torch.uint8)
     label = at(label if region is None else region, cells)
     factors = at(made["factors"], cells) if "factors" in made else torch.ones(1, 3, 1)
-    c, n, x, b, has = (at(image, cells) for image in (made["radiance"], made["normal"], made["position"], made["mask"], known))
+    c, n, x, b, has = (
+        at(image, cells) for image in (made["radiance"], made["normal"], made["position"], made["mask"], known)
+    )
     number_of = torch.zeros(raster.resolution[::-1], dtype=torch.long)
     number_of[cells[:, 0], cells[:, 1]] = torch.arange(len(cells))
     for _, group in groupby(range(len(plan)), lambda number: plan[number][2]):

@@ -86,7 +86,9 @@ def compare(raster, plan, *, mask="full", region=None, fill=False, factors=False
         inputs, raster.heights, rotate, blended, seeds[0], seeds[1] if fill else None, everything=False
     )
     for name, wanted in zip(made, want, strict=True):
-        found[name] = error(getattr(got, name), torch.zeros_like(getattr(got, name)).double() if wanted is None else wanted)
+        found[name] = error(
+            getattr(got, name), torch.zeros_like(getattr(got, name)).double() if wanted is None else wanted
+        )
         if name in ("radiance", "inverse", "factors", "kernels"):
             torch.testing.assert_close(getattr(light, name), getattr(got, name), rtol=1e-4, atol=1e-5)
     return found

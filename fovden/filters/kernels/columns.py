@@ -1,11 +1,11 @@
 """How the columns of a polar raster lie beside each other, and the strips that make them agree.
 
-Here an image is transposed, (v, c, w, p): columns of the raster, which are distances, are rows of memory, and angles run
-along them. A column has as many places as its height says; the rest, up to p, is 0.
+Here an image is transposed, (v, c, w, p): columns of the raster, which are distances, are rows of memory, and angles
+run along them. A column has as many cells as its height says; the rest, up to p, is never read.
 
 A *strip* is a column as another one sees it that has n rows: row j of the strip is the row of the column that holds the
-angle of the other's row j. Strips wrap, and go on before row 0 and after row n - 1 as far as taps reach. So the taps of a
-row of pixels are shifted strips, whatever the heights.
+angle of the other's row j. Strips wrap, and go on before row 0 and after row n - 1 as far as taps reach. So the taps of
+a row of cells are shifted strips, whatever the heights.
 """
 
 from __future__ import annotations
@@ -32,10 +32,12 @@ class Columns(NamedTuple):
     Attributes:
         heights: Number of rows of each, int64, (w).
         rotates: Whether what lies before column 0 is the column on the other side, half a turn away.
+        whole: Whether passes work on all cells, where they say nothing else.
     """
 
     heights: NDArray[np.int64]
     rotates: bool
+    whole: bool
 
     def beside(self, step: int) -> Beside:
         """The columns that taps stand in."""
@@ -129,28 +131,31 @@ transpose_block = transpose_block_vector if vectorised() else transpose_block_pl
 
 
 @kernel
-def transpose(start: Int, stop: Int, source: Any, lengths: Any, rest: Any, target: Any) -> None:
-    """Transposes planes, (n, h, w) to (n, w, p): bands of sixteen rows of the target, counted through all planes.
+def transpose(start: Int, stop: Int, source: Any, heights: Any, back: bool, target: Any) -> None:
+    """Transposes planes, (n, h, w) to (n, w, p) or ``back``: bands of sixteen rows of the target, of all planes.
 
-    Row r of a target has its first ``lengths[r]`` places filled, and the others with ``rest``.
+    What lies below the columns' heights becomes 0.
     """
     rows, places = target.shape[1], target.shape[2]
     pitch, bands = source.shape[2], -(-rows // WIDTH)
     for item in range(start, stop):
         n, top = item // bands, item % bands * WIDTH
         height = min(WIDTH, rows - top)
-        shortest = lengths[top]
-        for r in range(top, top + height):
-            shortest = min(shortest, lengths[r])
         begin = advanced(pointer_to(source), n * source.shape[1] * pitch + top)
         out = advanced(pointer_to(target), (n * rows + top) * places)
         for left in range(0, places, WIDTH):
-            if height == WIDTH and left + WIDTH <= shortest:
+            right = min(left + WIDTH, places)
+            first, end, bottom = (left, right, top + height) if back else (top, top + height, right)
+            shortest = bottom
+            for column in range(first, end):
+                shortest = min(shortest, heights[column])
+            if height == WIDTH and left + WIDTH == right and shortest == bottom:
                 transpose_block(advanced(begin, left * pitch), pitch, advanced(out, left), places)
                 continue
             for r in range(height):
-                for k in range(left, min(left + WIDTH, places)):
-                    out[r * places + k] = begin[k * pitch + r] if k < lengths[top + r] else rest
+                for k in range(left, right):
+                    exists = top + r < heights[k] if back else k < heights[top + r]
+                    out[r * places + k] = begin[k * pitch + r] if exists else target.dtype.type(0)
 
 
 @inlined

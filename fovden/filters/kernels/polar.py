@@ -5,8 +5,8 @@ See :mod:`fovden.filters.kernels.columns` for the strips, :mod:`fovden.filters.k
 
 On the way back a column gathers, as a row of pixels does on the screen. Where it and another have one height and are
 each other's taps, both directions are gathered at once. Elsewhere they are not symmetric: what a column has read is
-gathered beside a strip of the other, which hands nothing back; and what the other has read of it is gathered for its own
-strip, in the other's rows, and then added up in its own.
+gathered beside a strip of the other, which hands nothing back; and what the other has read of it is gathered for its
+own strip, in the other's rows, and then added up in its own.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ GUIDED, READ, LIGHT, SCALED, GATHERS = 9, 10, 10, 14, 17
 def room_for(channels: Int, places: Int, step: Int) -> Any:
     """An array of two strips of some channels, the places of one, and at which of them the second one's row 0 is.
 
-    Row 0 begins a cache line, and channels are never a multiple of 4 KiB apart, or all would meet in one place of a cache.
+    Row 0 begins a cache line, and channels are never a multiple of 4 KiB apart: all would meet in one set of a cache.
     """
     around = -(-2 * step // WIDTH) * WIDTH
     longest = (-(-places // WIDTH) * WIDTH + 2 * around) | WIDTH
@@ -176,7 +176,9 @@ def blend_columns(
                             is_here = count == blocks * WIDTH
                         length = min(stop_ * WIDTH, height - first) - top + 4 * step
                         find_rows(first + top - 2 * step, 1 if agrees else length, height, its_height, turned, rows)
-                        read_guides(view, other, rows, length, its_height, agrees, advanced(there, top - 2 * step), apart)
+                        read_guides(
+                            view, other, rows, length, its_height, agrees, advanced(there, top - 2 * step), apart
+                        )
                     strip = part_of(view, here, apart, direct)
                     for block in range(begin, stop_):
                         x = block * WIDTH
