@@ -19,8 +19,10 @@ from torch import Tensor
 
 from fovden.filters.kernels.back import Gradients, gather_runs, prepare_runs, reduce_runs, scale_runs
 from fovden.filters.kernels.blend import Guides, Passes, blend_runs
+from fovden.filters.kernels.columns import Columns
 from fovden.filters.kernels.gather import Shares
 from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.polar import blend_columns, gather_columns
 from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, spread
 from fovden.filters.taps import B3_SPLINE
 from fovden.memory import empty_on_large_pages
@@ -30,6 +32,9 @@ __all__ = ["Blended", "Inputs", "Returned", "blend_stack", "return_gradients"]
 
 TILE = 16
 """Runs that a thread takes at a time: rows, in most images, of some tens of microseconds each."""
+
+COLUMNS_TILE = 4
+"""Columns on the way back: those at the borders of a polar raster have been read by many."""
 
 
 @dataclass(frozen=True)
@@ -124,12 +129,14 @@ class Returned(NamedTuple):
     kernels: Tensor | None
 
 
-def blend_stack(inputs: Inputs, *, save: bool = False) -> Blended:
+def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None = None) -> Blended:
     """Runs the passes.
 
     Args:
         inputs: What they read.
         save: Whether to keep what the way back needs.
+        columns: The columns of a polar raster, which has its images transposed
+            (:mod:`fovden.filters.fused_polar`); ``None`` for the screen.
 
     Returns:
         The outcome.
@@ -143,7 +150,7 @@ def blend_stack(inputs: Inputs, *, save: bool = False) -> Blended:
     passes, guides = inputs.arrays()
     image, mask = inputs.radiance.contiguous(), inputs.mask.contiguous()
     known = np.ones(mask.shape, np.float32) if inputs.known is None else _copy(inputs.known)
-    levels = list(_levels(inputs))
+    levels = list(_levels(inputs, columns))
     channels = 5 if inputs.fill else 4
     tape = empty_on_large_pages(len(levels) if save else 0, len(image), channels, *image.shape[2:])
     nothing = np.empty((0, channels, *image.shape[2:]), np.float32)
@@ -154,15 +161,14 @@ def blend_stack(inputs: Inputs, *, save: bool = False) -> Blended:
         next_mask = torch.from_numpy(_copy(mask)) if inputs.fill else mask
         if save and inputs.fill:
             tape[number, :, 4:] = mask
-        run(
-            blend_runs,
-            len(level.runs),
-            (
-                level.runs, level.step, passes, guides, _array(image), _array(mask), known, _array(spare),
-                _array(next_mask), inputs.fill, _array(tape[number]) if save else nothing,
-            ),
-            tile=TILE,
+        arguments = (
+            level.runs, level.step, passes, guides, _array(image), _array(mask), known, _array(spare),
+            _array(next_mask), inputs.fill, _array(tape[number]) if save else nothing,
         )  # fmt: skip
+        if columns is None:
+            run(blend_runs, len(level.runs), arguments, tile=TILE)
+        else:
+            run(blend_columns, len(level.runs), (columns.beside(level.step), *arguments), tile=TILE)
         before, image, mask = image, spare, next_mask
         spare = None if number == 0 else before  # the input is not ours to write to
         if spare is not None and number + 1 < len(levels) and levels[number + 1].chosen is not level.chosen:
@@ -177,6 +183,7 @@ def return_gradients(
     mask_gradient: Tensor | None = None,
     *,
     everything: bool = True,
+    columns: Columns | None = None,
 ) -> Returned:
     """Returns the gradients of all inputs, from those of the outcome; view by view, so that little memory is needed.
 
@@ -186,6 +193,7 @@ def return_gradients(
         gradient: Gradient of the image, shape (v, 3, h, w).
         mask_gradient: Gradient of the mask, shape (v, 1, h, w), where passes fill it; ``None`` for 0.
         everything: Whether those of normal, position and mask are wanted.
+        columns: As in :func:`blend_stack`.
 
     Returns:
         The gradients.
@@ -209,9 +217,8 @@ def return_gradients(
         sums = Gradients(radiance[part], planes[1], normal[part], position[part], mask[part])
         own = _view_of(inputs, part)
         own_factors = None if factors is None else factors[part]
-        _walk_back(
-            own, blended.image[part], blended.tape[:, part], scratch, sums, own_factors, widths, taps, everything
-        )
+        image, tape = blended.image[part], blended.tape[:, part]
+        _walk_back(own, image, tape, scratch, sums, own_factors, widths, taps, everything, columns)
     kernels = None
     if inputs.kernels is not None:
         kernels = torch.from_numpy(taps).view(-1, 5, 5).div(inputs.kernels).to(inputs.kernels.dtype)
@@ -236,12 +243,13 @@ def _walk_back(
     widths: NDArray[np.float64],
     taps: NDArray[np.float64],
     everything: bool,
+    columns: Columns | None,
 ) -> None:
     """Adds the gradients of one view, whose radiance after all passes is ``image``."""
     passes, guides = inputs.arrays()
     light, gradients = _array(scratch.light), Gradients(*map(_array, sums))
     no_factors = np.empty((0, 3, 1, 1), np.float32)
-    levels = list(_levels(inputs))
+    levels = list(_levels(inputs, columns))
     is_ours = False  # the image: to be written to
     for number in reversed(range(len(levels))):
         level, own = levels[number], _array(tape[number])
@@ -270,18 +278,9 @@ def _walk_back(
                 scratch.scales.zero_()
             run(scale_runs, len(runs), (runs, passes, guides, own, _array(scratch.scales)), tile=TILE)
         mask = tape[number, :, 4:].contiguous() if inputs.fill else inputs.mask
-        reached = runs_of(spread(level.chosen, level.step, image.shape[2]), level.members[0])
-        run_widths, run_taps = np.zeros((len(reached), 3)), np.zeros((len(reached), 25))
         shares = Shares(light, _array(scratch.scales), differ)
-        run(
-            gather_runs,
-            len(reached),
-            (
-                reached, level.step, passes, guides, _array(image), _array(mask), shares, everything, gradients,
-                run_widths, run_taps,
-            ),
-            tile=TILE,
-        )  # fmt: skip
+        arguments = passes, guides, _array(image), _array(mask), shares, everything, gradients
+        run_widths, run_taps = _gather(level, columns, image.shape[2], arguments)
         if differ:
             differing = np.zeros((len(runs), 3))
             arrays = gradients.widths, no_factors if factors is None else _array(factors)
@@ -290,6 +289,28 @@ def _walk_back(
             taps[level.members[0]] += run_taps.sum(0)
         else:
             widths[level.members[0]] += run_widths.sum(0)
+
+
+def _gather(
+    level: _Level, columns: Columns | None, rows: int, arguments: tuple[Any, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gathers the gradients of a level, and returns the sums for widths and taps, in parts."""
+    number = level.members[0]
+    if columns is None:
+        reached = runs_of(spread(level.chosen, level.step, rows), number)
+        sums = np.zeros((len(reached), 3)), np.zeros((len(reached), 25))
+        run(gather_runs, len(reached), (reached, level.step, *arguments, *sums), tile=TILE)
+        return sums
+    pairs, offsets = columns.pairs(level.step, level.chosen.any(1))
+    count = len(offsets) - 1
+    sums = np.zeros((count, 3)), np.zeros((count, 25))
+    run(
+        gather_columns,
+        count,
+        (columns.heights, pairs, offsets, number, level.step, *arguments, *sums),
+        tile=COLUMNS_TILE,
+    )
+    return sums
 
 
 def _view_of(inputs: Inputs, part: slice) -> Inputs:
@@ -309,7 +330,7 @@ class _Level(NamedTuple):
     is_whole: bool
 
 
-def _levels(inputs: Inputs) -> Iterator[_Level]:
+def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
     """The passes, level by level; levels that work on the same labels share the array of their blocks."""
     views, _, height, width = inputs.radiance.shape
     marks = np.ones((views * height, -(-width // WIDTH)), np.int32)
@@ -317,6 +338,7 @@ def _levels(inputs: Inputs) -> Iterator[_Level]:
         labels = _array(inputs.region).reshape(-1, width)
         run(mark_blocks, len(labels), (labels, marks), tile=64)
     found: dict[tuple[int, ...], Any] = {}
+    unlabelled = inputs.region is None if columns is None else columns.whole
     for _, group in groupby(range(len(inputs.steps)), lambda number: inputs.levels[number]):
         members = list(group)
         labels_ = tuple(inputs.labels[number] for number in members)
@@ -325,7 +347,7 @@ def _levels(inputs: Inputs) -> Iterator[_Level]:
             found[labels_] = np.logical_or.reduce(own), [runs_of(blocks, 0) for blocks in own]
         chosen, own_runs = found[labels_]
         runs = np.concatenate([np.add(each, [0, 0, 0, number]) for each, number in zip(own_runs, members, strict=True)])
-        is_whole = inputs.region is None and labels_ == (0,)
+        is_whole = unlabelled and labels_ == (0,)
         yield _Level(inputs.steps[members[0]], members, chosen, runs.astype(np.int32), is_whole)
 
 
