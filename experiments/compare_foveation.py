@@ -9,11 +9,13 @@ the training poses, with the same number of steps for all. They are judged on te
 and at two places beside it: all pixels alike, within the circles of the three layers, and weighted by acuity.
 
 Then budgets are swept, so that ways can be compared at equal time too; and converged light is shown through each way
-with fewer and fewer cells, so that what is lost by sampling is seen apart from noise.
+with fewer and fewer cells, so that what is lost by sampling is seen apart from noise. A run that was interrupted goes on
+with the scene in which it was.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import statistics
 import sys
@@ -37,6 +39,7 @@ from fovden.figures import draw_foveations
 from fovden.filters import Denoiser, WarpedDenoiser, fill_holes
 from fovden.foveation import ThreeLayer
 from fovden.frame import Frame, Reference
+from fovden.io import atomic_write
 from fovden.results import Measurement, Run
 from fovden.tracer import Scene, trace_gbuffer
 from fovden.tuning import ImageError, fit
@@ -268,6 +271,15 @@ def sampled(view: View, scene: str, settings: Settings) -> list[Measurement]:
     return found
 
 
+def kept(path: Path, find: Callable[[], list[Measurement]]) -> list[Measurement]:
+    """Returns what a run has found before, from its file; else finds it, and writes that."""
+    if not path.exists():
+        found = find()
+        with atomic_write(path) as temporary:
+            temporary.write_text(json.dumps(found), encoding="utf-8")
+    return [Measurement(*row) for row in json.loads(path.read_text(encoding="utf-8"))]
+
+
 def table(measurements: Sequence[Measurement]) -> str:
     """Returns the means over the views: error by variant and region, and seconds."""
     names = dict.fromkeys((row.scene, row.method.rpartition(",")[0]) for row in measurements if row.metric == "flip")
@@ -292,7 +304,9 @@ def run(settings: Settings, folder: Path) -> None:
     with Run(folder, config) as results:
         for scene in settings.scenes:
             with results.stage(scene):
-                results.measurements += compare(scene, settings, references, folder / "fits")
+                results.measurements += kept(
+                    folder / f"{scene}.json", lambda: compare(scene, settings, references, folder / "fits")
+                )  # noqa: B023
     print(f"{table(results.measurements)}\nfigure: {draw_foveations(folder)}")
 
 

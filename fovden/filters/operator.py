@@ -17,6 +17,7 @@ from torch import Tensor
 
 from fovden.checks import require
 from fovden.filters.fused import Blended, Inputs, blend_stack, return_gradients
+from fovden.filters.operator_polar import atrous_polar
 from fovden.filters.passes import Pass, PassOptions, State, compose
 from fovden.filters.taps import Sigmas
 from fovden.foveation import Topology
@@ -245,14 +246,14 @@ def run_passes(
         factors: What the widths of radiance, normal and position are multiplied by at each pixel, positive,
             shape (v, 3, h, w); ``None`` means 1.
         options: Readings of the weights.
-        topology: The polar raster that the pixels are cells of, composed of torch operations; ``None`` means the
-            screen.
+        topology: The polar raster that the pixels are cells of; ``None`` means the screen.
 
     Returns:
         The state after.
 
-    Differentiable: in image, mask, guides, widths, kernels and factors; twice. Fused, five passes over two views of
-    960 x 1080 pixels keep 166 MB for the way back, and nothing where no gradient is wanted.
+    Differentiable: in image, mask, guides, widths, kernels and factors; twice, but once where a polar raster is fused.
+    Fused, five passes over two views of 960 x 1080 pixels keep 166 MB for the way back, and nothing where no gradient
+    is wanted.
 
     Example:
         >>> from fovden.filters.passes import begin
@@ -264,10 +265,10 @@ def run_passes(
     """
     if not passes:
         return state
-    if topology is not None:
-        return _run_in_polar_raster(state, normal, position, passes, region, factors, options, topology)
     if not _can_fuse(state, passes, options):
-        return compose(state, normal, position, passes, region=region, factors=factors, options=options)
+        return compose(
+            state, normal, position, passes, region=region, factors=factors, options=options, topology=topology
+        )
     image, mask, known, first = state
     dtype = image.dtype
     if region is not None:
@@ -286,8 +287,7 @@ def run_passes(
     factors = None if factors is None else factors.to(dtype).expand_as(image) ** -2
     wanted = (image, normal, position, taps, inverse, factors, kernels)
     save = torch.is_grad_enabled() and any(each is not None and each.requires_grad for each in wanted)
-    call = _atrous if torch.compiler.is_compiling() else _Stack.apply
-    after, filled, next_mask, _ = call(  # type: ignore[no-untyped-call]
+    arguments = (
         image,
         normal.to(dtype),
         position.to(dtype),
@@ -301,24 +301,14 @@ def run_passes(
         [each.label for each in passes],
         [each.level for each in passes],
         options.fill,
-        save,
     )
+    if topology is None:
+        call = _atrous if torch.compiler.is_compiling() else _Stack.apply
+        after, filled, next_mask, _ = call(*arguments, save)  # type: ignore[no-untyped-call]
+    else:
+        after, filled, next_mask, _ = atrous_polar(*arguments, topology.heights, topology.rotate, save)
     known = known | filled if options.unsampled_guide == "literal" else filled  # else the operator has both
     return State(after, next_mask if options.fill else mask, known, first)
-
-
-def _run_in_polar_raster(
-    state: State,
-    normal: Tensor,
-    position: Tensor,
-    passes: Sequence[Pass],
-    region: Tensor | None,
-    factors: Tensor | None,
-    options: PassOptions,
-    topology: Topology,
-) -> State:
-    """The same in a polar raster, whose passes are all composed."""
-    return compose(state, normal, position, passes, region=region, factors=factors, options=options, topology=topology)
 
 
 def _can_fuse(state: State, passes: Sequence[Pass], options: PassOptions) -> bool:
