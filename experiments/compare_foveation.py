@@ -9,8 +9,8 @@ the training poses, with the same number of steps for all. They are judged on te
 and at two places beside it: all pixels alike, within the circles of the three layers, and weighted by acuity.
 
 Then budgets are swept, so that ways can be compared at equal time too; and converged light is shown through each way
-with fewer and fewer cells, so that what is lost by sampling is seen apart from noise. A run that was interrupted goes on
-with the scene in which it was.
+with fewer and fewer cells, so that what is lost by sampling is seen apart from noise. A run that was interrupted goes
+on with the scene in which it was.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -304,9 +305,8 @@ def run(settings: Settings, folder: Path) -> None:
     with Run(folder, config) as results:
         for scene in settings.scenes:
             with results.stage(scene):
-                results.measurements += kept(
-                    folder / f"{scene}.json", lambda: compare(scene, settings, references, folder / "fits")
-                )  # noqa: B023
+                find = partial(compare, scene, settings, references, folder / "fits")
+                results.measurements += kept(folder / f"{scene}.json", find)
     print(f"{table(results.measurements)}\nfigure: {draw_foveations(folder)}")
 
 
