@@ -22,7 +22,8 @@ from fovden.filters.kernels.blend import Guides, Passes, blend_runs
 from fovden.filters.kernels.columns import Columns
 from fovden.filters.kernels.gather import Shares
 from fovden.filters.kernels.lanes import WIDTH
-from fovden.filters.kernels.polar import blend_columns, gather_columns
+from fovden.filters.kernels.polar import blend_columns
+from fovden.filters.kernels.polar_back import gather_columns
 from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, spread
 from fovden.filters.taps import B3_SPLINE
 from fovden.memory import empty_on_large_pages
@@ -301,7 +302,7 @@ def _gather(
         sums = np.zeros((len(reached), 3)), np.zeros((len(reached), 25))
         run(gather_runs, len(reached), (reached, level.step, *arguments, *sums), tile=TILE)
         return sums
-    pairs, offsets = columns.pairs(level.step, level.chosen.any(1))
+    pairs, offsets = columns.pairs(level.step, np.asarray(level.chosen.any(1)))
     count = len(offsets) - 1
     sums = np.zeros((count, 3)), np.zeros((count, 25))
     run(

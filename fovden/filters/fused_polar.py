@@ -153,7 +153,7 @@ def _columns(inputs: Inputs, heights: Tensor, rotate: bool) -> Columns:
 
 def _transposed(inputs: Inputs, columns: Columns) -> Inputs:
     """The inputs with columns as rows of memory; what is no cell has a label of its own."""
-    views, _, height, width = inputs.mask.shape
+    views, _, height, _ = inputs.mask.shape
     exists = np.arange(places_of(height)) < columns.heights[:, None]
     labels = np.zeros((views, 1, *exists.shape), np.uint8)
     if inputs.region is not None:

@@ -1,4 +1,4 @@
-"""``fovden::atrous_polar``: a stack of à-trous passes on a polar raster as one PyTorch operator with its own derivative.
+"""``fovden::atrous_polar``: a stack of à-trous passes on a polar raster as one PyTorch operator with its derivative.
 
 In float32 on the CPU, on compiled kernels (:mod:`fovden.filters.fused_polar`), as ``fovden::atrous`` is for the screen.
 The operator is opaque to ``torch.compile`` and ``torch.export``, which know the shapes of what it returns.

@@ -3,7 +3,6 @@
 from fractions import Fraction
 from itertools import groupby
 
-import numpy as np
 import torch
 
 from fovden import Gaze
@@ -36,10 +35,10 @@ def rasters(border):
     """Rasters of several kinds, by name."""
     gaze, screen = Gaze(torch.tensor([[25.0, 13.0]])), (50, 60)
     return {
-        "smooth": VisualPolarWarp(gaze, screen, (45, 50), border),
-        "stair": VisualPolarWarp(gaze, screen, (40, 48), border, cut="stair", block=8),
+        "smooth": VisualPolarWarp(gaze, screen, (37, 40), border),
+        "stair": VisualPolarWarp(gaze, screen, (40, 35), border, cut="stair", block=8),
         "uncut": VisualPolarWarp(gaze, screen, (17, 20), border, cut="none"),
-        "log": LogPolarWarp(gaze, screen, (33, 30), fovea_border=border),
+        "log": LogPolarWarp(gaze, screen, (33, 24), fovea_border=border),
         "ones": Raster(5, [1, 1, 5, 1, 3], border),
         "wild": Raster(40, [1, 40, 2, 39, 17, 17, 3, 34, 33, 16, 32, 7], border),
         "row": Raster(1, [1] * 9, border),
@@ -66,14 +65,15 @@ def polar_twin(raster, made, plan, *, known, region, fill):
     ``made`` has radiance, normal, position, mask, inverse, and perhaps factors and kernels.
     """
     cells = cells_of(raster)
-    at = lambda image, where: image[:, :, where[:, 1], where[:, 0]]  # noqa: E731
+
+    def at(image):
+        return image[:, :, cells[:, 1], cells[:, 0]]
+
     full = torch.zeros_like(made["mask"]) == 0
     known, label = full if known is None else known, torch.zeros_like(full, dtype=torch.uint8)
-    label = at(label if region is None else region, cells)
-    factors = at(made["factors"], cells) if "factors" in made else torch.ones(1, 3, 1)
-    c, n, x, b, has = (
-        at(image, cells) for image in (made["radiance"], made["normal"], made["position"], made["mask"], known)
-    )
+    label = at(label if region is None else region)
+    factors = at(made["factors"]) if "factors" in made else torch.ones(1, 3, 1)
+    c, n, x, b, has = map(at, (made["radiance"], made["normal"], made["position"], made["mask"], known))
     number_of = torch.zeros(raster.resolution[::-1], dtype=torch.long)
     number_of[cells[:, 0], cells[:, 1]] = torch.arange(len(cells))
     for _, group in groupby(range(len(plan)), lambda number: plan[number][2]):

@@ -1,0 +1,164 @@
+"""One pass of the à-trous filter on a polar raster, backwards: the gathering; images are transposed.
+
+See :mod:`fovden.filters.kernels.gather` for the formulas. A column gathers, as a row of pixels does on the screen.
+Where it and another have one height and are each other's taps, both directions are gathered at once. Elsewhere they are
+not symmetric: what a column has read is gathered beside a strip of the other, which hands nothing back; and what the
+other has read of it is gathered for its own strip, in the other's rows, and then added up in its own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fovden.filters.kernels.back import TAP_SUMS, WIDTH_SUMS, Gradients, hand_back
+from fovden.filters.kernels.blend import ZERO, Guides, Passes, View, view_of
+from fovden.filters.kernels.columns import BACK, FORTH, aligned, clear_strip, find_rows, read_strip
+from fovden.filters.kernels.gather import GATHERED, NORMAL, SUMS, WIDTHS, Shares, gather_taps
+from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.polar import READ, Desk, desk_for, on_desk, read_guides
+from fovden.jit import Int, inlined, kernel
+from fovden.simd import advanced, pointer_to, stack_floats
+
+LIGHT, SCALES, CHANNELS = READ, READ + 4, READ + 7  # channels of strips, after those on the way forth
+
+
+@inlined
+def read_pair(
+    view: View, shares: Shares, desk: Desk, heights: Any, step: Int, column: Int, other: Int, turned: Int, kind: Int,
+    is_here: bool,
+) -> None:  # fmt: skip
+    """Reads the strips of a column and of another one; then ``desk.rows`` has the column's rows, if it has been read.
+
+    Both have the rows of the one that looks: of the other where that has read the column, of the column itself
+    elsewhere, and then it need not be read again.
+    """
+    height, its_height = heights[column], heights[other]
+    frame = its_height if kind == BACK else height
+    length, count = frame + 4 * step, -(-frame // WIDTH) * WIDTH
+    agrees = its_height == frame
+    find_rows(-2 * step, 1 if agrees else length, frame, its_height, turned if kind == FORTH else 0, desk.rows)
+    read_all(view, shares, other, length, its_height, agrees, kind != FORTH, desk, desk.there - 2 * step)
+    if not is_here:
+        find_rows(0, count, frame, height, turned if kind == BACK else 0, desk.rows)
+        read_all(view, shares, column, count, height, frame == height, kind != BACK, desk, 0)
+        end = advanced(pointer_to(desk.strips), LIGHT * desk.apart + frame)
+        clear_strip(4, count - frame, end, desk.apart)  # what lies beyond the end hands nothing back
+
+
+@inlined
+def read_all(
+    view: View, shares: Shares, column: Int, count: Int, height: Int, agrees: bool, shines: bool, desk: Desk, place: Int
+) -> None:
+    """Reads a strip with what its cells hand back, which is nothing unless it ``shines``."""
+    read_guides(view, column, desk.rows, count, height, agrees, desk, place)
+    at, apart, out = column * view.width, desk.apart, advanced(pointer_to(desk.strips), place)
+    if shines:
+        light = advanced(pointer_to(shares.light), at)
+        read_strip(light, view.plane, 4, desk.rows, count, height, agrees, advanced(out, LIGHT * apart), apart)
+    else:
+        clear_strip(4, count, advanced(out, LIGHT * apart), apart)
+    if shares.differ:
+        scales = advanced(pointer_to(shares.scales), at)
+        read_strip(scales, view.plane, 3, desk.rows, count, height, agrees, advanced(out, SCALES * apart), apart)
+
+
+@inlined
+def fold(sums: Any, rows: Any, count: Int, everything: bool, own_sums: Any) -> None:
+    """Adds the sums of a strip's rows to those of the column's rows that they are."""
+    for j in range(count):
+        row = rows[j]
+        source, target = j // WIDTH * SUMS + j % WIDTH, row // WIDTH * SUMS + row % WIDTH
+        for k in range(3):
+            own_sums[target + k * WIDTH] += sums[source + k * WIDTH]
+        if everything:
+            for k in range(NORMAL, GATHERED):
+                own_sums[target + k * WIDTH] += sums[source + k * WIDTH]
+
+
+@kernel
+def gather_columns(
+    start: Int,
+    stop: Int,
+    heights: Any,
+    pairs: Any,
+    offsets: Any,
+    number: Int,
+    step: Int,
+    passes: Passes,
+    guides: Guides,
+    image: Any,
+    mask: Any,
+    shares: Shares,
+    everything: bool,
+    gradients: Gradients,
+    width_sums: Any,
+    tap_sums: Any,
+) -> None:
+    """Gathers gradients in columns, of those of their pairs.
+
+    Args:
+        start: First column, counted among those that have pairs.
+        stop: End of the columns.
+        heights: Number of rows of each column of the raster, (w).
+        pairs: As of :meth:`fovden.filters.kernels.columns.Columns.pairs`.
+        offsets: Where the pairs of each column begin, and end.
+        number: Number of the pass.
+        step: Distance between taps.
+        passes: As in :func:`fovden.filters.kernels.back.gather_runs`, like what follows.
+        guides: As there.
+        image: As there.
+        mask: As there.
+        shares: As there.
+        everything: As there.
+        gradients: As there.
+        width_sums: As there, for each column.
+        tap_sums: As there, for each column.
+    """
+    desk = desk_for(CHANNELS, image.shape[3], step)
+    room = image.shape[3] // WIDTH * SUMS
+    floats = aligned(np.empty(2 * room + WIDTH, np.float32))
+    run_taps, run_widths = stack_floats(TAP_SUMS), stack_floats(WIDTH_SUMS)
+    strip_shares = Shares(desk.strips[LIGHT * desk.apart :], desk.strips[SCALES * desk.apart :], shares.differ)
+    inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
+    view = view_of(0, image, mask, mask, guides)
+    for item in range(start, stop):
+        column = pairs[offsets[item], 0]
+        height, at = heights[column], column * view.width
+        for k in range(room):
+            floats[k] = ZERO
+        for k in range(TAP_SUMS):
+            run_taps[k] = ZERO
+        for k in range(WIDTH_SUMS):
+            run_widths[k] = ZERO
+        for pair in range(offsets[item], offsets[item + 1]):
+            other, turned, tap, kind = pairs[pair, 1], pairs[pair, 2], pairs[pair, 3], pairs[pair, 4]
+            own = kind != BACK  # these come first
+            read_pair(view, shares, desk, heights, step, column, other, turned, kind, own and pair > offsets[item])
+            frame = height if own else heights[other]
+            sums = advanced(pointer_to(floats), 0 if own else room)
+            if not own:
+                for k in range(-(-frame // WIDTH) * SUMS):
+                    sums[k] = ZERO
+            for block in range(-(-frame // WIDTH)):
+                x = block * WIDTH
+                gather_taps(
+                    on_desk(desk, view, frame + 4 * step), strip_shares, everything, x, desk.there + x, 2 * step + x,
+                    step, inverse, advanced(taps, 5 * tap), advanced(taps, 20 - 5 * tap), advanced(sums, SUMS * block),
+                    advanced(run_taps, 5 * WIDTH * tap),
+                )  # fmt: skip
+            if not own:
+                fold(sums, desk.rows, frame, everything, pointer_to(floats))
+        for block in range(-(-height // WIDTH)):
+            x, sums = block * WIDTH, advanced(pointer_to(floats), SUMS * block)
+            hand_back(sums, shares.differ, everything, view.plane, at + x, x, height, gradients)
+            for k in range(WIDTH_SUMS):
+                run_widths[k] += sums[WIDTHS * WIDTH + k]
+        for lane in range(WIDTH):
+            if shares.differ:
+                for tap in range(25):
+                    tap_sums[item, tap] += run_taps[tap * WIDTH + lane]
+            else:
+                for g in range(3):
+                    width_sums[item, g] -= run_widths[g * WIDTH + lane]
