@@ -32,6 +32,7 @@ nitpick_ignore_regex = [
     # Other projects' documentation would have to be fetched from the network to link to it.
     (r"py:.*", r"(torch|numpy|matplotlib|os|pathlib|collections|contextlib|typing|types|enum|dataclasses)\..*"),
     (r"py:class", r".*\.Owner"),  # a type variable
+    (r"py:class", r"fovden\..*\.kernels\..*"),  # records of kernels, which are private
     (r"py:class", r".*\._\w+"),  # the package's private names, such as the keywords that constructors pass on
 ]
 

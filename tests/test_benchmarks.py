@@ -111,6 +111,13 @@ def test_filters_are_measured_beside_their_peers(run):
     assert "share of the peak" in printed
 
 
+def test_cells_are_compared_with_pixels(run):
+    results, printed = run("atrous_polar", "--quick", "--raster", "15", "12", "--resolution", "18", "14")
+    assert [each["kind"].partition(",")[0] for each in results] == ["forwards", "both ways", "both ways"]
+    assert {(each["cells"] < 2 * 15 * 12, each["pixels"]) for each in results} == {(True, 2 * 18 * 14)}
+    assert "ns a cell" in printed
+
+
 def test_a_warm_start_compiles_nothing(run):
     results, printed = run("cold_start", "--quick")
     if results[0]["kernels"]:  # nothing had filled the cache

@@ -6,7 +6,7 @@ other side of it, -1 - i'. Its row holds the same angle as row j + dy of column 
 
     j' = floor((j + 1/2 + dy + turned h_i / 2) h_i' / h_i) mod h_i',
 
-where turned is 1 on the other side (:meth:`fovden.foveation.Topology.neighbour`). All taps exist.
+where turned is 1 on the other side (the rule of :meth:`fovden.foveation.PolarWarp.neighbour`). All taps exist.
 
 Images are transposed once for all passes, so that angles run along memory. Then a column is to a filter what a row of
 pixels is, and :mod:`fovden.filters.fused` works on it: a column of the same height as it lies, and another one as a
