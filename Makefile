@@ -42,7 +42,7 @@ docs: $(READY) ## build the documentation; NOTEBOOK=full runs its notebook at fu
 	@echo "Open out/docs/index.html"
 
 bench: .venv-bench/ready ## measure speed beside peers, for the documentation's tables (half an hour); BENCH=--quick tries
-	@set -e; for name in rays frame build growth cold_start flip atrous atrous_polar; do \
+	@set -e; for name in rays frame build growth cold_start flip atrous atrous_polar mapping; do \
 	  .venv-bench/bin/python -m benchmarks.$$name $(BENCH); done
 
 clean: ## remove results, caches and builds; .venv stays

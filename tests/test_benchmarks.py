@@ -17,7 +17,7 @@ from benchmarks import harness
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = sorted(harness.RESULTS.glob("*.json"))
 SMALL = ["--quick", "--resolution", "12", "16"]
-NAMES = ["rays", "frame", "build", "growth", "cold_start", "flip", "atrous"]
+NAMES = ["rays", "frame", "build", "growth", "cold_start", "flip", "atrous", "atrous_polar", "mapping"]
 
 
 @pytest.fixture

@@ -59,7 +59,7 @@ class PolarWarp(Warp):
         ValueError: If a value is out of range.
 
     In float32 on the CPU, and where no gradient is wanted of the warp itself, points and images are mapped by compiled
-    kernels, for which a new gaze costs a few milliseconds. Elsewhere the same is made of torch operations.
+    kernels, for which a new gaze costs next to nothing. Elsewhere the same is made of torch operations.
 
     Source: Koskela et al. 2019, "Foveated real-time path tracing in visual-polar space", as far as it is known; the
     footprint is that of Williams, "Pyramidal parametrics", 1983, as a box instead of a pyramid of averages.
