@@ -60,7 +60,8 @@ class Settings:
     Attributes:
         scenes: Names of scenes.
         resolution: Height and width of each eye's image.
-        reference_spp: Samples per pixel of the references.
+        reference_spp: Samples per pixel of the references of the test.
+        training_spp: The same for the references that are learned from.
         mean_spp: Paths per pixel of the screen.
         budgets: The same for the sweep.
         shares: Cells per pixel at which converged light is shown.
@@ -80,6 +81,7 @@ class Settings:
     scenes: tuple[str, ...] = ("sponza", "pink_room", "forest")
     resolution: tuple[int, int] = (540, 480)
     reference_spp: int = 512
+    training_spp: int = 256
     mean_spp: float = 0.4
     budgets: tuple[float, ...] = (0.2, 0.3, 0.4, 0.6, 0.8)
     shares: tuple[float, ...] = (0.6, 0.5, 0.39, 0.3, 0.2)
@@ -104,9 +106,9 @@ class View(NamedTuple):
 
 def views_of(scene: str, name: str, settings: Settings, folder: Path) -> list[View]:
     """Returns the views of a set: every pose with every gaze."""
+    spp = settings.training_spp if name == "train" else settings.reference_spp
     data = frame_set(
-        scene, name, resolution=settings.resolution, spp=1, falloff=None, reference_spp=settings.reference_spp,
-        folder=folder,
+        scene, name, resolution=settings.resolution, spp=1, falloff=None, reference_spp=spp, folder=folder
     )  # fmt: skip
     found = []
     height, width = settings.resolution
