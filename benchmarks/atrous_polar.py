@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import statistics
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -23,7 +23,6 @@ from benchmarks import harness
 from benchmarks.harness import Table, alternate, positive, say
 from fovden import Gaze
 from fovden.filters import operator as _operator  # noqa: F401  it defines fovden::atrous
-from fovden.filters.operator_polar import atrous_polar
 from fovden.foveation import VisualPolarWarp
 
 STEPS = (16, 8, 4, 2, 1)
@@ -33,18 +32,18 @@ KINDS = {"forwards": (), "both ways, radiance and widths": (0, 6), "both ways, e
 """What is timed, and which arguments' gradients are taken."""
 
 
-def arguments(height: int, width: int) -> list[Any]:
-    """Random arguments of either operator, up to whether a mask is filled."""
+def arguments(height: int, width: int, heights: Tensor | None = None) -> list[Any]:
+    """Random arguments of the operator, up to whether it keeps what gradients need."""
     generator = torch.Generator().manual_seed(0)
     radiance, normal, position = (torch.rand(2, 3, height, width, generator=generator) for _ in range(3))
     normal = torch.nn.functional.normalize(normal - 0.5, dim=1)
     mask = torch.ones(2, 1, height, width)
     inverse = torch.tensor([[0.7, 0.5, 0.4]]).expand(len(STEPS), 3).contiguous() ** -2
-    levels = list(range(len(STEPS)))
-    return [radiance, normal, position, mask, mask > 0, None, inverse, None, None, list(STEPS), [0] * 5, levels, False]
+    images = [radiance, normal, position, mask, mask > 0, None, inverse, None, None, heights]
+    return [*images, list(STEPS), [0] * 5, list(range(len(STEPS))), False, False]
 
 
-def call(operator: Callable[..., Any], given: Sequence[Any], rest: Sequence[Any], wanted: Sequence[int]) -> Any:
+def call(given: Sequence[Any], wanted: Sequence[int]) -> Any:
     """A call of the operator, with the gradients of some of its arguments."""
 
     def run() -> object:
@@ -53,7 +52,7 @@ def call(operator: Callable[..., Any], given: Sequence[Any], rest: Sequence[Any]
         for place in wanted:
             own[place] = own[place].detach().requires_grad_()
             leaves.append(own[place])
-        image = operator(*own, *rest, bool(wanted))[0]
+        image = torch.ops.fovden.atrous(*own, bool(wanted))[0]
         return torch.autograd.grad(image.sum(), leaves) if wanted else image
 
     return run
@@ -65,17 +64,11 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
     torch.set_num_threads(threads)
     warp = VisualPolarWarp(Gaze(torch.zeros(2, 2)), options.resolution, options.raster)
     cells, pixels = 2 * int(warp.heights.sum()), 2 * options.resolution[0] * options.resolution[1]
-    on_raster, on_screen = arguments(*options.raster), arguments(*options.resolution)
+    on_raster, on_screen = arguments(*options.raster, warp.heights), arguments(*options.resolution)
     results = []
     for kind, wanted in KINDS.items():
         say(f"{kind}, {cells} cells and {pixels} pixels")
-        times = alternate(
-            {
-                "polar": call(atrous_polar, on_raster, (warp.heights, False), wanted),
-                "screen": call(torch.ops.fovden.atrous, on_screen, (), wanted),
-            },
-            options.rounds,
-        )
+        times = alternate({"polar": call(on_raster, wanted), "screen": call(on_screen, wanted)}, options.rounds)
         results.append({"kind": kind, "cells": cells, "pixels": pixels, "threads": threads, "times": times})
     return results
 

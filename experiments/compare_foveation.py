@@ -24,14 +24,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from experiments.foveations import FOVEATIONS, Foveation
 from experiments.frame_sets import frame_set
-from experiments.harness import run_script
+from experiments.harness import run_script, timed
 from experiments.tune_sigmas import present, say
 from fovden import color, metrics
 from fovden.camera import Gaze, StereoCamera
@@ -50,7 +50,7 @@ __all__ = ["Settings", "main"]
 JUDGED = ("rmse", "psnr", "ssim", "flip")
 SEEDS = {"train": 100, "test": 200}
 
-Result = TypeVar("Result")
+processor_time = partial(timed, clock=time.thread_time)
 
 
 @dataclass(frozen=True)
@@ -129,16 +129,6 @@ def frames_of(way: Foveation, views: Sequence[View], mean_spp: float, seed: int)
         yield way.frame(view.scene, view.camera, view.gaze, mean_spp, seed + view.number)
 
 
-def timed(call: Callable[[], Result], repeats: int = 1) -> tuple[float, Result]:
-    """Returns the median of the thread's seconds that a call takes, and what it returned last."""
-    seconds = []
-    for _ in range(repeats):
-        began = time.thread_time()
-        result = call()
-        seconds.append(time.thread_time() - began)
-    return statistics.median(seconds), result
-
-
 def fitted(way: Foveation, views: Sequence[View], settings: Settings, folder: Path) -> Denoiser:
     """Returns the way's filter with widths fitted to its frames of the training views."""
     denoiser = way.denoiser(views[0].camera, learn=True)
@@ -197,11 +187,8 @@ def compare(scene: str, settings: Settings, references: Path, folder: Path) -> l
         for name, way in FOVEATIONS.items():
             costs, frame = cost_of(way, view, settings)
             for variant, denoiser in filters[name].items():
-                with torch.no_grad():
-                    costs["seconds_denoise"], cells = timed(lambda: inner_of(denoiser)(frame), settings.repeats)  # noqa: B023
-                    seconds, denoised = timed(lambda: denoiser(frame), settings.repeats)  # noqa: B023
-                costs["seconds_map"] = max(0.0, seconds - costs["seconds_denoise"]) if cells is not denoised else 0.0
-                images[f"{name}, {variant}"] = denoised.image
+                more, images[f"{name}, {variant}"] = denoised(denoiser, frame, settings.repeats)
+            costs |= more
             found += [
                 Measurement(scene, view.number, "", f"{name}, tuned", "whole", metric, value)
                 for metric, value in costs.items()
@@ -212,17 +199,24 @@ def compare(scene: str, settings: Settings, references: Path, folder: Path) -> l
     return found
 
 
-def inner_of(denoiser: Denoiser) -> Denoiser:
-    """Returns the filter without the way to the screen."""
-    return denoiser.inner if isinstance(denoiser, WarpedDenoiser) else denoiser
+def denoised(denoiser: Denoiser, frame: Frame, repeats: int) -> tuple[dict[str, float], Tensor]:
+    """Returns the seconds that the filter and the way to the screen take, and the image."""
+    with torch.no_grad():
+        seconds, outcome = processor_time(lambda: denoiser(frame), repeats)
+        inner = seconds
+        if isinstance(denoiser, WarpedDenoiser):
+            inner, _ = processor_time(lambda: denoiser.inner(frame), repeats)
+    return {"seconds_denoise": inner, "seconds_map": max(0.0, seconds - inner)}, outcome.image
 
 
 def cost_of(way: Foveation, view: View, settings: Settings) -> tuple[dict[str, float], Frame]:
     """Returns rays, paths and the seconds that they take in the order of a raster, and a frame."""
-    seconds_raster, warp = timed(lambda: way.raster(view.camera, view.gaze, settings.mean_spp))
-    seconds_gbuffer, gbuffer = timed(lambda: trace_gbuffer(view.scene, view.camera, warp=warp), settings.repeats)
-    trace = lambda: way.frame(view.scene, view.camera, view.gaze, settings.mean_spp, SEEDS["test"] + view.number)  # noqa: E731
-    seconds, frame = timed(trace, settings.repeats)
+    seconds_raster, warp = processor_time(lambda: way.raster(view.camera, view.gaze, settings.mean_spp))
+    seconds_gbuffer, gbuffer = processor_time(
+        lambda: trace_gbuffer(view.scene, view.camera, warp=warp), settings.repeats
+    )
+    arguments = view.scene, view.camera, view.gaze, settings.mean_spp, SEEDS["test"] + view.number
+    seconds, frame = processor_time(lambda: way.frame(*arguments), settings.repeats)
     return {
         "rays": float(gbuffer.prim.numel() if warp is None else warp.view_count * warp.cell_count),
         "paths": float(frame.counts.sum()),
@@ -238,14 +232,13 @@ def swept(
     found = []
     for name, way in FOVEATIONS.items():
         for budget in settings.budgets if way.sized else ():
-            seconds_raster, _ = timed(lambda: way.raster(view.camera, view.gaze, budget))  # noqa: B023
-            trace = lambda: way.frame(view.scene, view.camera, view.gaze, budget, SEEDS["test"] + view.number)  # noqa: B023, E731
-            seconds, frame = timed(trace)
-            with torch.no_grad():
-                more, denoised = timed(lambda: filters[name]["tuned"](frame))  # noqa: B023
+            seconds_raster, _ = processor_time(partial(way.raster, view.camera, view.gaze, budget))
+            arguments = view.scene, view.camera, view.gaze, budget, SEEDS["test"] + view.number
+            seconds, frame = processor_time(partial(way.frame, *arguments))
+            more, image = denoised(filters[name]["tuned"], frame, 1)
             row = f"{name}, tuned, {budget:g} paths"
-            values: dict[tuple[str, str], float] = {("whole", "seconds"): seconds - seconds_raster + more}
-            values |= {(region, "rmse"): value for region, value in errors(view, denoised.image).items()}
+            values: dict[tuple[str, str], float] = {("whole", "seconds"): seconds - seconds_raster + sum(more.values())}
+            values |= {(region, "rmse"): value for region, value in errors(view, image).items()}
             found += [
                 Measurement(scene, view.number, "", row, region, metric, value)
                 for (region, metric), value in values.items()

@@ -11,18 +11,16 @@ from __future__ import annotations
 
 import json
 import os
-import statistics
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import torch
 
 from experiments.frame_sets import SCENES, SEEDS, frame_set
-from experiments.harness import run_script
+from experiments.harness import run_script, timed
 from experiments.tune_sigmas import JUDGED, LIGHTS, METHODS, VARIANTS, present, say, table, unfitted
 from fovden import metrics
 from fovden.comparison.methods import file_name
@@ -34,8 +32,6 @@ from fovden.tracer import trace_frame
 from fovden.tuning import load_parameters
 
 __all__ = ["Settings", "main"]
-
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -93,16 +89,6 @@ def traced(scene: str, settings: Settings, folder: Path) -> Pose:
             lambda samples=samples: trace_frame(world, camera, samples, seed=SEEDS["test"]), settings.repeats
         )
     return Pose(frames, seconds, truth)
-
-
-def timed(call: Callable[[], Result], repeats: int) -> tuple[float, Result]:
-    """Returns the median of the seconds that a call takes, and what it returned last."""
-    seconds = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        result = call()
-        seconds.append(time.perf_counter() - began)
-    return statistics.median(seconds), result
 
 
 def filters(settings: Settings, light: str, scene: str) -> dict[str, Denoiser]:

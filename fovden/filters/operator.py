@@ -1,8 +1,9 @@
 """``fovden::atrous``: a stack of à-trous passes as one PyTorch operator with its own derivative.
 
-In float32 on the CPU it runs on compiled kernels (:mod:`fovden.filters.fused`). :func:`run_passes` calls it, and
-otherwise composes the same of torch operations (:func:`fovden.filters.passes.compose`): on other devices, in float64,
-and for the readings of the weights that are there to be studied. A second derivative is that of the composed form.
+In float32 on the CPU it runs on compiled kernels: :mod:`fovden.filters.fused` on the screen, and on a polar raster,
+whose columns have heights, :mod:`fovden.filters.fused_polar`. :func:`run_passes` calls it, and otherwise composes the
+same of torch operations (:func:`fovden.filters.passes.compose`): on other devices, in float64, and for the readings of
+the weights that are there to be studied. A second derivative is that of the composed form.
 
 The operator is opaque to ``torch.compile`` and ``torch.export``, which know the shapes of what it returns.
 """
@@ -16,19 +17,16 @@ import torch
 from torch import Tensor
 
 from fovden.checks import require
-from fovden.filters.fused import Blended, Inputs, blend_stack, return_gradients
-from fovden.filters.operator_polar import atrous_polar
+from fovden.filters.fused import Blended, Inputs, Returned, blend_stack, return_gradients
+from fovden.filters.fused_polar import NOWHERE, blend_polar_stack, places_of, return_polar_gradients
 from fovden.filters.passes import Pass, PassOptions, State, compose
 from fovden.filters.taps import Sigmas
 from fovden.foveation import Topology
 
 __all__ = ["run_passes"]
 
-NOWHERE = 31
-"""A label that no pass has: the pixels where nothing is filtered."""
-
-TENSORS = ("radiance", "normal", "position", "mask", "known", "region", "inverse", "factors", "kernels")
-GRADIENTS = ("radiance", "normal", "position", "mask", "inverse", "factors", "kernels")
+TENSORS = ("radiance", "normal", "position", "mask", "known", "region", "inverse", "factors", "kernels", "heights")
+GRADIENTS = Returned._fields
 
 
 @torch.library.custom_op("fovden::atrous", mutates_args=(), device_types="cpu")
@@ -42,25 +40,31 @@ def _atrous(
     inverse: Tensor,
     factors: Tensor | None,
     kernels: Tensor | None,
+    heights: Tensor | None,
     steps: Sequence[int],
     labels: Sequence[int],
     levels: Sequence[int],
     fill: bool,
+    rotate: bool,
     save: bool,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     tensors = radiance, normal, position, mask, known, region, inverse, factors, kernels
-    blended = blend_stack(Inputs(*tensors, steps, labels, levels, fill), save=save)
+    inputs = Inputs(*tensors, steps, labels, levels, fill)
+    if heights is None:
+        blended = blend_stack(inputs, save=save)
+    else:
+        blended = blend_polar_stack(inputs, heights, rotate, save=save)
     return blended if fill else blended._replace(mask=mask.new_empty(0))  # what is returned must not be an argument
 
 
 @_atrous.register_fake
 def _(*arguments: Any) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    radiance, _, _, mask = arguments[:4]
-    levels, fill, save = arguments[11:]
+    radiance, mask, heights, levels, fill, save = (arguments[place] for place in (0, 3, 9, 12, 13, 15))
     views, _, height, width = radiance.shape
     image, known = radiance.new_empty(radiance.shape), mask.new_empty(mask.shape, dtype=torch.bool)
     after = mask.new_empty(mask.shape if fill else 0)
-    tape = radiance.new_empty(len(set(levels)) if save else 0, views, 5 if fill else 4, height, width)
+    size = (height, width) if heights is None else (width, places_of(height))
+    tape = radiance.new_empty(len(set(levels)) if save else 0, views, 5 if fill else 4, *size)
     return image, known, after, tape
 
 
@@ -80,14 +84,20 @@ def _atrous_backward(
     inverse: Tensor,
     factors: Tensor | None,
     kernels: Tensor | None,
+    heights: Tensor | None,
     steps: Sequence[int],
     labels: Sequence[int],
     levels: Sequence[int],
     fill: bool,
+    rotate: bool,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
     tensors = radiance, normal, position, mask, known, region, inverse, factors, kernels
     inputs, blended = Inputs(*tensors, steps, labels, levels, fill), Blended(image, mask, mask, tape)
-    returned = return_gradients(inputs, blended, gradient, mask_gradient, everything=everything)
+    seeds = gradient, mask_gradient
+    if heights is None:
+        returned = return_gradients(inputs, blended, *seeds, everything=everything)
+    else:
+        returned = return_polar_gradients(inputs, heights, rotate, blended, *seeds, everything=everything)
     outputs = [radiance.new_empty(0) if each is None else each for each in returned]
     return tuple(outputs)  # type: ignore[return-value]
 
@@ -102,8 +112,8 @@ def _(*arguments: Any) -> tuple[Tensor, ...]:
 
 
 def _remember(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, ...]) -> None:
-    ctx.save_for_backward(*inputs[:9], output[0], output[3])
-    ctx.numbers = inputs[9:13]
+    ctx.save_for_backward(*inputs[: len(TENSORS)], output[0], output[3])
+    ctx.numbers = inputs[len(TENSORS) : -1]
     ctx.mark_non_differentiable(output[1], output[3])
     ctx.set_materialize_grads(False)  # the tape would get zeros of its own size
 
@@ -122,7 +132,7 @@ def _backward(ctx: Any, gradient: Tensor | None, _: Any, mask_gradient: Tensor |
         gradients[name] if needed and name in gradients else None
         for name, needed in zip(TENSORS, ctx.needs_input_grad[: len(TENSORS)], strict=True)
     ]
-    return (*wanted, *[None] * 5)
+    return (*wanted, *[None] * (len(ctx.numbers) + 1))
 
 
 class _Stack(torch.autograd.Function):
@@ -141,8 +151,8 @@ _atrous.register_autograd(_backward, setup_context=_remember)
 
 
 def _remember_backward(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, ...]) -> None:
-    ctx.save_for_backward(*inputs[:2], *inputs[5:14])
-    ctx.numbers = inputs[14:]
+    ctx.save_for_backward(*inputs[:2], *inputs[5 : 5 + len(TENSORS)])
+    ctx.numbers = inputs[5 + len(TENSORS) :]
     ctx.sizes = [each.numel() for each in output]
 
 
@@ -180,7 +190,7 @@ def _backward_twice(ctx: Any, *returned: Tensor) -> tuple[Any, ...]:
         )
     seeded = [None if seed is None else next(second) for seed in seeds]
     found = {name: next(second) for name in GRADIENTS if named[name] is not None}
-    return (*seeded, None, None, None, *(found.get(name) for name in TENSORS), *[None] * 4)
+    return (*seeded, None, None, None, *(found.get(name) for name in TENSORS), *[None] * len(ctx.numbers))
 
 
 class _StackBackward(torch.autograd.Function):
@@ -199,7 +209,12 @@ _atrous_backward.register_autograd(_backward_twice, setup_context=_remember_back
 
 
 def _compose(
-    tensors: dict[str, Any], steps: Sequence[int], labels: Sequence[int], levels: Sequence[int], fill: bool
+    tensors: dict[str, Any],
+    steps: Sequence[int],
+    labels: Sequence[int],
+    levels: Sequence[int],
+    fill: bool,
+    rotate: bool,
 ) -> State:
     """The operator's arguments, composed of torch operations."""
     widths, kernels = tensors["inverse"] ** -0.5, tensors["kernels"]
@@ -207,17 +222,22 @@ def _compose(
         Pass(step, Sigmas(own[0], own[1] / step, own[2]), label, level, None if kernels is None else kernels[number])
         for number, (own, step, label, level) in enumerate(zip(widths.unbind(), steps, labels, levels, strict=True))
     ]
-    known, factors = tensors["known"], tensors["factors"]
+    known, factors, heights = (tensors[name] for name in ("known", "factors", "heights"))
     state = State(
         tensors["radiance"],
         tensors["mask"],
         torch.ones_like(tensors["mask"], dtype=torch.bool) if known is None else known,
         tensors["radiance"],
     )
-    return compose(
+    topology = None if heights is None else Topology(heights, tensors["mask"].shape[2], rotate)
+    outcome = compose(
         state, tensors["normal"], tensors["position"], passes, region=tensors["region"],
-        factors=None if factors is None else factors**-0.5, options=PassOptions(fill=fill),
+        factors=None if factors is None else factors**-0.5, options=PassOptions(fill=fill), topology=topology,
     )  # fmt: skip
+    if topology is None:
+        return outcome
+    image, mask = (torch.where(topology.exists, each, 0) for each in (outcome.image, outcome.mask))
+    return outcome._replace(image=image, mask=mask)  # what is no cell comes out of the kernels as 0
 
 
 def run_passes(
@@ -251,7 +271,7 @@ def run_passes(
     Returns:
         The state after.
 
-    Differentiable: in image, mask, guides, widths, kernels and factors; twice, but once where a polar raster is fused.
+    Differentiable: in image, mask, guides, widths, kernels and factors, twice.
     Fused, five passes over two views of 960 x 1080 pixels keep 166 MB for the way back, and nothing where no gradient
     is wanted.
 
@@ -297,16 +317,16 @@ def run_passes(
         inverse,
         factors,
         kernels,
+        None if topology is None else topology.heights,
         [each.step for each in passes],
         [each.label for each in passes],
         [each.level for each in passes],
         options.fill,
+        topology is not None and topology.rotate,
+        save,
     )
-    if topology is None:
-        call = _atrous if torch.compiler.is_compiling() else _Stack.apply
-        after, filled, next_mask, _ = call(*arguments, save)  # type: ignore[no-untyped-call]
-    else:
-        after, filled, next_mask, _ = atrous_polar(*arguments, topology.heights, topology.rotate, save)
+    call = _atrous if torch.compiler.is_compiling() else _Stack.apply
+    after, filled, next_mask, _ = call(*arguments)  # type: ignore[no-untyped-call]
     known = known | filled if options.unsampled_guide == "literal" else filled  # else the operator has both
     return State(after, next_mask if options.fill else mask, known, first)
 

@@ -310,8 +310,8 @@ class TestPyTorch:
         leaves = [tensor.clone().requires_grad_() for tensor in inputs]
         region = torch.zeros_like(inputs[3], dtype=torch.uint8)
         for fill in (False, True):
-            numbers = [1], [0], [0], fill, True
-            arguments = (*leaves, inputs[3] > 0, region, row, factors, kernels, *numbers)
+            numbers = [1], [0], [0], fill, False, True
+            arguments = (*leaves, inputs[3] > 0, region, row, factors, kernels, None, *numbers)
             torch.library.opcheck(torch.ops.fovden.atrous.default, arguments)
             image, _, _, tape = torch.ops.fovden.atrous(*arguments)
             gradient, mask = torch.ones_like(image), torch.ones_like(inputs[3]) if fill else None

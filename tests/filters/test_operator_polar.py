@@ -1,4 +1,4 @@
-"""What PyTorch asks of the operator for polar rasters."""
+"""What PyTorch asks of the operator where its arguments are on a polar raster."""
 
 import pytest
 import torch
@@ -6,8 +6,12 @@ from polar_twin import SPLINE
 
 from fovden.filters.fused import Inputs
 from fovden.filters.fused_polar import blend_polar_stack, return_polar_gradients
-from fovden.filters.operator_polar import atrous_polar
+from fovden.filters.operator import run_passes
+from fovden.filters.passes import Pass, PassOptions, begin, compose
+from fovden.filters.taps import Sigmas
+from fovden.foveation import Topology
 
+OPERATOR = torch.ops.fovden.atrous
 HEIGHTS = torch.tensor([1, 3, 3, 7, 9, 16, 16, 16])
 
 
@@ -23,29 +27,29 @@ def arguments(*, fill=False, optional=False, save=True):
         kernels = SPLINE.float().repeat(2, 1, 1).requires_grad_()
     inverse = torch.ones(2, 3, requires_grad=True)
     numbers = [2, 1], [0, 0], [0, 1], fill
-    return [*leaves, known, region, inverse, factors, kernels, *numbers, HEIGHTS, True, save]
+    return [*leaves, known, region, inverse, factors, kernels, HEIGHTS, *numbers, True, save]
 
 
 @pytest.mark.parametrize("fill", [False, True])
 @pytest.mark.parametrize("optional", [False, True])
 def test_it_keeps_its_contract(fill, optional):
     given = arguments(fill=fill, optional=optional)
-    given[13] = torch.full((8,), 16)  # what is no cell is not written to the tape, which is compared, too
-    torch.library.opcheck(torch.ops.fovden.atrous_polar.default, given)
-    image, _, mask, tape = torch.ops.fovden.atrous_polar(*given)
+    given[9] = torch.full((8,), 16)  # what is no cell is not written to the tape, which is compared, too
+    torch.library.opcheck(torch.ops.fovden.atrous.default, given)
+    image, _, mask, tape = torch.ops.fovden.atrous(*given)
     seeds = torch.ones_like(image), torch.ones_like(mask) if fill else None
     back = (*seeds, image.detach(), tape, True, *given[:-1])
     checks = ("test_schema", "test_faketensor", "test_autograd_registration")
-    torch.library.opcheck(torch.ops.fovden.atrous_polar_backward.default, back, test_utils=checks)
+    torch.library.opcheck(torch.ops.fovden.atrous_backward.default, back, test_utils=checks)
 
 
 @pytest.mark.parametrize("fill", [False, True])
 def test_gradients_arrive_where_they_belong(fill):
     given = arguments(fill=fill, optional=True)
-    image, _, mask, _ = atrous_polar(*given)
+    image, _, mask, _ = OPERATOR(*given)
     leaves = [each for each in given if isinstance(each, torch.Tensor) and each.requires_grad]
     got = torch.autograd.grad(image.square().sum() + mask.sum(), leaves)
-    inputs = Inputs(*given[:13])
+    inputs = Inputs(*given[:9], *given[10:14])
     blended = blend_polar_stack(inputs, HEIGHTS, True, save=True)
     seeds = 2 * blended.image, torch.ones_like(blended.mask) if fill else None
     want = return_polar_gradients(inputs, HEIGHTS, True, blended, *seeds)
@@ -55,43 +59,65 @@ def test_gradients_arrive_where_they_belong(fill):
 
 def test_light_alone_has_the_same_gradient():
     given = arguments()
-    (everything,) = torch.autograd.grad(atrous_polar(*given)[0].sum(), given[0])
+    (everything,) = torch.autograd.grad(OPERATOR(*given)[0].sum(), given[0])
     for leaf in given[1:4]:
         leaf.requires_grad_(False)
-    (light,) = torch.autograd.grad(atrous_polar(*given)[0].sum(), given[0])
+    (light,) = torch.autograd.grad(OPERATOR(*given)[0].sum(), given[0])
     torch.testing.assert_close(light, everything)
 
 
-def test_it_compiles_as_one_graph():
-    given = arguments()
+def through_passes(radiance, normal, position, mask, sigmas, run):
+    """The image of two passes on the raster."""
+    topology = Topology(HEIGHTS, 16, rotate=True)
+    passes = [
+        Pass(step, Sigmas(*row), level=level) for level, (step, row) in enumerate(zip((2, 1), sigmas, strict=True))
+    ]
+    state = begin(radiance, mask)
+    return run(state, normal, position, passes, options=PassOptions(), topology=topology).image
 
-    def loss(radiance, inverse):
-        image, *_ = atrous_polar(radiance, *given[1:6], inverse, *given[7:])
-        return image.square().mean()
+
+def leaves_of(dtype):
+    """Images and widths that have a gradient."""
+    generator = torch.Generator().manual_seed(1)
+    shapes = [(1, channels, 16, 8) for channels in (3, 3, 3, 1)] + [(2, 3)]
+    return [(torch.rand(shape, generator=generator) + 0.2).to(dtype).requires_grad_() for shape in shapes]
+
+
+def test_it_compiles_as_one_graph():
+    leaves = leaves_of(torch.float32)
+
+    def loss(*leaves):
+        return through_passes(*leaves, run_passes).square().mean()
 
     compiled = torch.compile(loss, fullgraph=True, backend="aot_eager")
-    leaves = given[0], given[6]
     got, want = (torch.autograd.grad(each(*leaves), leaves) for each in (compiled, loss))
     for one, other in zip(got, want, strict=True):
         torch.testing.assert_close(one, other)
 
 
 def test_functional_calls_have_gradients():
-    given = arguments()
-    want = torch.autograd.grad(atrous_polar(*given)[0].square().mean(), given[0])[0]
-    fixed = [each.detach() if isinstance(each, torch.Tensor) else each for each in given]
-    got = torch.func.grad(lambda radiance: atrous_polar(radiance, *fixed[1:])[0].square().mean())(fixed[0])
+    leaves = leaves_of(torch.float32)
+    want = torch.autograd.grad(through_passes(*leaves, run_passes).square().mean(), leaves[0])[0]
+    fixed = [each.detach() for each in leaves]
+    got = torch.func.grad(lambda radiance: through_passes(radiance, *fixed[1:], run_passes).square().mean())(fixed[0])
     torch.testing.assert_close(got, want)
 
 
-def test_a_second_derivative_is_refused_in_words():
-    given = arguments()
-    (first,) = torch.autograd.grad(atrous_polar(*given)[0].square().sum(), given[0], create_graph=True)
-    with pytest.raises(NotImplementedError, match="fovden::atrous_polar has no second derivative"):
-        first.sum().backward()
+def test_the_second_derivative_is_that_of_the_composed_form():
+    found = []
+    for run, dtype in ((run_passes, torch.float32), (compose, torch.float64)):
+        leaves = leaves_of(dtype)
+        image = through_passes(*leaves, run)
+        if run is compose:  # which hands on what is no cell, where the kernels write 0
+            image = torch.where(Topology(HEIGHTS, 16).exists, image, 0)
+        first = torch.autograd.grad(image.square().sum(), leaves, create_graph=True)
+        second = torch.autograd.grad(sum(each.square().sum() for each in first), leaves)
+        found.append(second)
+    for got, want in zip(*found, strict=True):
+        assert (got.double() - want).abs().max() < 1e-4 * want.abs().max()
 
 
 def test_a_gradient_of_what_was_not_saved_is_refused():
-    image, *_ = atrous_polar(*arguments(save=False))
+    image, *_ = OPERATOR(*arguments(save=False))
     with pytest.raises(ValueError, match="save"):
         image.sum().backward()
