@@ -36,13 +36,13 @@ from experiments.tune_sigmas import present, say
 from fovden import color, metrics
 from fovden.camera import Gaze, StereoCamera
 from fovden.comparison.methods import file_name
-from fovden.figures import draw_foveations
+from fovden.figures import contact_sheet, draw_foveations, draw_sample_maps
 from fovden.filters import Denoiser, WarpedDenoiser, fill_holes
 from fovden.foveation import ThreeLayer
 from fovden.frame import Frame, Reference
 from fovden.io import atomic_write
 from fovden.results import Measurement, Run
-from fovden.tracer import Scene, trace_gbuffer
+from fovden.tracer import Scene, trace_frame, trace_gbuffer
 from fovden.tuning import ImageError, fit
 
 __all__ = ["Settings", "main"]
@@ -126,7 +126,13 @@ def views_of(scene: str, name: str, settings: Settings, folder: Path) -> list[Vi
 def frames_of(way: Foveation, views: Sequence[View], mean_spp: float, seed: int) -> Iterator[Frame]:
     """Traces a frame of each view."""
     for view in views:
-        yield way.frame(view.scene, view.camera, view.gaze, mean_spp, seed + view.number)
+        yield traced(way, view, mean_spp, seed)
+
+
+def traced(way: Foveation, view: View, mean_spp: float, seed: int) -> Frame:
+    """Traces a frame with one path in each pixel or cell that has any."""
+    samples = way.samples(view.camera, view.gaze, mean_spp, seed + view.number)
+    return trace_frame(view.scene, view.camera, samples, seed=seed + view.number)
 
 
 def fitted(way: Foveation, views: Sequence[View], settings: Settings, folder: Path) -> Denoiser:
@@ -193,10 +199,21 @@ def compare(scene: str, settings: Settings, references: Path, folder: Path) -> l
                 Measurement(scene, view.number, "", f"{name}, tuned", "whole", metric, value)
                 for metric, value in costs.items()
             ]
+        if view.number == 1:
+            draw(view, images, settings, folder.parent, scene)
         found += judge(view, images, scene)
         found += swept(view, filters, scene, settings)
         found += sampled(view, scene, settings)
     return found
+
+
+def draw(view: View, images: Mapping[str, Tensor], settings: Settings, folder: Path, scene: str) -> None:
+    """Draws the left eye's images of a view, and how many paths each way has at each eccentricity."""
+    shown = {name: images[f"{name}, tuned"] for name in FOVEATIONS} | {"Reference": view.truth.mean}
+    contact_sheet({name: image[:1] for name, image in shown.items()}, columns=4).save(folder / f"{scene}.png")
+    chosen = {name: way for name, way in FOVEATIONS.items() if way.sized and name != "Smaller image"}
+    maps = {name: way.samples(view.camera, view.gaze, settings.mean_spp) for name, way in chosen.items()}
+    draw_sample_maps(maps, folder / "densities.png", camera=view.camera)
 
 
 def denoised(denoiser: Denoiser, frame: Frame, repeats: int) -> tuple[dict[str, float], Tensor]:
@@ -215,8 +232,7 @@ def cost_of(way: Foveation, view: View, settings: Settings) -> tuple[dict[str, f
     seconds_gbuffer, gbuffer = processor_time(
         lambda: trace_gbuffer(view.scene, view.camera, warp=warp), settings.repeats
     )
-    arguments = view.scene, view.camera, view.gaze, settings.mean_spp, SEEDS["test"] + view.number
-    seconds, frame = processor_time(lambda: way.frame(*arguments), settings.repeats)
+    seconds, frame = processor_time(lambda: traced(way, view, settings.mean_spp, SEEDS["test"]), settings.repeats)
     return {
         "rays": float(gbuffer.prim.numel() if warp is None else warp.view_count * warp.cell_count),
         "paths": float(frame.counts.sum()),
@@ -233,8 +249,7 @@ def swept(
     for name, way in FOVEATIONS.items():
         for budget in settings.budgets if way.sized else ():
             seconds_raster, _ = processor_time(partial(way.raster, view.camera, view.gaze, budget))
-            arguments = view.scene, view.camera, view.gaze, budget, SEEDS["test"] + view.number
-            seconds, frame = processor_time(partial(way.frame, *arguments))
+            seconds, frame = processor_time(partial(traced, way, view, budget, SEEDS["test"]))
             more, image = denoised(filters[name]["tuned"], frame, 1)
             row = f"{name}, tuned, {budget:g} paths"
             values: dict[tuple[str, str], float] = {("whole", "seconds"): seconds - seconds_raster + sum(more.values())}
@@ -256,8 +271,8 @@ def sampled(view: View, scene: str, settings: Settings) -> list[Measurement]:
             if warp is not None:
                 image = warp.to_screen(warp.from_screen(truth), warp.read.float())
             else:
-                frame = way.frame(view.scene, view.camera, view.gaze, share, SEEDS["test"])
-                mask, flat = frame.mask, torch.zeros_like(truth)
+                mask = way.samples(view.camera, view.gaze, share, SEEDS["test"]).mask.expand_as(truth[:, :1])
+                flat = torch.zeros_like(truth)
                 image = fill_holes(truth * mask, mask == 0, mask, flat, flat, sigma_normal=1.0, sigma_position=1.0)
             row = f"{name}, converged, {share:g} cells"
             found += [

@@ -17,6 +17,7 @@ from fovden.foveation import (
     LogPolarWarp,
     RateMap,
     ReddyAcuity,
+    SampleMap,
     ScreenWarp,
     ThreeLayer,
     VisualPolarWarp,
@@ -24,8 +25,6 @@ from fovden.foveation import (
     sample_map,
     warp_at_budget,
 )
-from fovden.frame import Frame
-from fovden.tracer import Scene, trace_frame
 
 __all__ = ["FOVEATIONS", "Even", "Foveation"]
 
@@ -73,14 +72,13 @@ class Foveation:
         warp = self.warp(camera, gaze)
         return warp_at_budget(warp, mean_spp) if self.sized else warp
 
-    def frame(self, scene: Scene, camera: StereoCamera, gaze: Gaze, mean_spp: float, seed: int) -> Frame:
-        """Traces a frame with one path in each pixel or cell that has any."""
+    def samples(self, camera: StereoCamera, gaze: Gaze, mean_spp: float, seed: int = 0) -> SampleMap:
+        """Returns one path for each pixel or cell that has any."""
         if self.falloff is None:
-            return trace_frame(scene, camera, 1, seed=seed, warp=self.raster(camera, gaze, mean_spp))
-        samples = sample_map(
-            self.falloff, camera, gaze, spp=1, seed=seed, mean_spp=min(mean_spp, 1.0), source="blue_noise"
-        )
-        return trace_frame(scene, camera, samples, seed=seed)
+            warp = self.raster(camera, gaze, mean_spp)
+            return SampleMap.from_counts(warp.read.int(), gaze, warp=warp)
+        budget = min(mean_spp, 1.0)
+        return sample_map(self.falloff, camera, gaze, spp=1, seed=seed, mean_spp=budget, source="blue_noise")
 
     def denoiser(self, camera: StereoCamera, *, learn: bool = False) -> Denoiser:
         """Returns the filter of all ways, five passes on light without albedo, in this one's raster."""

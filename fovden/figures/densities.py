@@ -1,4 +1,4 @@
-"""Densities of falloffs against eccentricity, as they are and at one budget, with the eye's acuity over them."""
+"""Densities of samples against eccentricity: of falloffs, and of what is drawn, with the eye's acuity over them."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from fovden.figures.style import (
     method_style,
     save_figure,
 )
-from fovden.foveation import Falloff, ReddyAcuity, eccentricity_degrees, rates_at_budget, sample_map
+from fovden.foveation import Falloff, ReddyAcuity, SampleMap, eccentricity_degrees, rates_at_budget, sample_map
 
-__all__ = ["density_by_eccentricity", "draw_densities"]
+__all__ = ["density_by_eccentricity", "draw_densities", "draw_sample_maps"]
 
 STYLES = tuple(style for name, style in METHOD_STYLES.items() if name != "Reference")
 WIDTH = 1.0
@@ -121,10 +121,67 @@ def draw_densities(
         options = {"color": method_style("Reference").colour, "linestyle": "--", "linewidth": 1.6, "zorder": 1}
         rates.plot(curve, seen, label="acuity", **options)
         samples.plot(curve, spp * seen, **options)
-        _finish(rates, "rates as they are", "rate", 1.0)
-        _finish(samples, f"at {mean_spp:g} paths per pixel", "samples per pixel", float(spp))
+        _finish(rates, "rates as they are", "rate", (1 / 400, 1.3))
+        _finish(samples, f"at {mean_spp:g} paths per pixel", "samples per pixel", (spp / 400, spp * 1.3))
         handles, labels = rates.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=SMALL)
+        save_figure(figure, Path(path), 1.0)
+    return Path(path)
+
+
+def draw_sample_maps(
+    samples: Mapping[str, SampleMap],
+    path: str | os.PathLike[str],
+    *,
+    camera: Camera | StereoCamera,
+    acuity: Callable[[Tensor], Tensor] | None = None,
+) -> Path:
+    """Draws how many paths sample maps have at each eccentricity, in pixels or in the cells of any raster.
+
+    Paths are counted where they start on the screen (:meth:`fovden.foveation.SampleMap.on_screen`), in rings of one
+    degree around each map's own gaze. The dashed line is acuity with as many paths as the first map: what would follow
+    the eye.
+
+    Args:
+        samples: Up to seven maps by name.
+        path: The file, a PNG.
+        camera: The views of all of them.
+        acuity: Relative acuity at eccentricities in degrees; ``None`` means Reddy's.
+
+    Returns:
+        The file.
+
+    Raises:
+        ValueError: If there are no maps or more than seven, or one is for another screen.
+
+    Example:
+        >>> import tempfile
+        >>> from fovden.foveation import LinearFalloff, LogPolarWarp, sample_map, uniform_map
+        >>> camera = StereoCamera.look_at((0, 0, 5), (0, 0, 0), fov_y_deg=90, resolution=(60, 60))
+        >>> warp = LogPolarWarp.for_camera(camera, Gaze.center(camera))
+        >>> maps = {"linear": sample_map(LinearFalloff(), camera), "log-polar": uniform_map(camera, 0.5, warp=warp)}
+        >>> draw_sample_maps(maps, Path(tempfile.mkdtemp()) / "maps.png", camera=camera).name
+        'maps.png'
+    """
+    require(1 <= len(samples) <= len(STYLES), "samples", len(samples), f"1 to {len(STYLES)} of them")
+    views, model = camera.views, acuity or ReddyAcuity()
+    with drawing():
+        figure = Figure(figsize=(PRINT_WIDTH, 3.4), layout="constrained")
+        panel = figure.subplots()
+        most, mean, wanted = 0.0, 0.0, 0.0
+        for (name, each), style in zip(samples.items(), STYLES, strict=False):
+            paths, degrees = each.on_screen().double(), eccentricity_degrees(each.gaze, views).detach().double()
+            require_shapes("v 1 h w", **{f"samples[{name!r}]": paths, "camera's eccentricity": degrees})
+            places, means = density_by_eccentricity(paths, degrees, WIDTH)
+            most = max(most, *means)
+            mean = mean or float(paths.mean())
+            wanted = wanted or mean / float(model(degrees).mean())
+            _line(panel, name, style, (places, means))
+        curve = torch.linspace(0, float(degrees.max()), 400, dtype=torch.float64)
+        dashed: dict[str, Any] = {"color": method_style("Reference").colour, "linestyle": "--", "linewidth": 1.6}
+        panel.plot(curve, wanted * model(curve).numpy(), label="acuity", zorder=1, **dashed)
+        _finish(panel, "", "paths per pixel", (mean / 100, most * 1.3))
+        figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=SMALL)
         save_figure(figure, Path(path), 1.0)
     return Path(path)
 
@@ -142,9 +199,9 @@ def _marks(panel: Any, style: MethodStyle, rings: tuple[list[float], list[float]
     panel.plot(places, values, color=style.colour, marker=style.marker, markersize=3.5, linestyle="", zorder=3)
 
 
-def _finish(panel: Any, title: str, quantity: str, most: float) -> None:
+def _finish(panel: Any, title: str, quantity: str, limits: tuple[float, float]) -> None:
     panel.set_yscale("log")
-    panel.set_ylim(most / 400, most * 1.3)
+    panel.set_ylim(*limits)
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.grid(color=GRID, linewidth=0.5)
     panel.set_axisbelow(True)

@@ -132,6 +132,33 @@ class SampleMap:
         """Mean number of samples per pixel of the screen, also where cells have them."""
         return self.paths / (self.view_count * math.prod(self.resolution if self.warp is None else self.warp.screen))
 
+    def on_screen(self) -> Tensor:
+        """Returns how many paths start in each pixel of the screen.
+
+        A path of a raster's cell counts where the cell's centre lies; those of cells whose centre is beside the screen
+        do not.
+
+        Returns:
+            Paths, int32, shape (v, 1, height, width) of the screen.
+
+        Example:
+            >>> from fovden.foveation import ScreenWarp
+            >>> gaze = Gaze(torch.zeros(1, 2))
+            >>> half = SampleMap.from_counts(torch.full((1, 1, 1, 2), 3), gaze, warp=ScreenWarp(gaze, (2, 4), (1, 2)))
+            >>> half.on_screen()[0, 0]
+            tensor([[0, 0, 0, 0],
+                    [0, 3, 0, 3]], dtype=torch.int32)
+        """
+        counts = self.counts.expand(self.view_count, -1, -1, -1)
+        if self.warp is None:
+            return counts.contiguous()
+        height, width = self.warp.screen
+        x, y = self.warp.positions().detach().floor().long().unbind(-1)
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        index = torch.where(inside, y * width + x, 0)
+        flat = counts.new_zeros(self.view_count, height * width)
+        return flat.scatter_add_(1, index, counts.flatten(1) * inside).view(-1, 1, height, width)
+
     def to(self, *args: Any, **kwargs: Any) -> SampleMap:
         """Returns the map moved with the arguments of ``Tensor.to``; counts, coordinates and layers stay int32.
 
