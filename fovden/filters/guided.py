@@ -67,6 +67,9 @@ def length_unit(depth: Tensor, hit: Tensor) -> Tensor:
 def topology_of(frame: Frame) -> Topology | None:
     """Returns which cells of a frame are neighbours; ``None`` for a frame on the screen.
 
+    A cell beside the screen that has no sample is not seen: a filter would have to fill it, step by step from far away,
+    and nobody would look at it.
+
     Args:
         frame: Any frame.
 
@@ -82,9 +85,10 @@ def topology_of(frame: Frame) -> Topology | None:
         True
     """
     topology: Topology | None = None if frame.warp is None else frame.warp.topology
-    if topology is not None:
-        topology.require(**{"frame.direct": frame.direct})
-    return topology
+    if topology is None or frame.warp is None:
+        return None
+    topology.require(**{"frame.direct": frame.direct})
+    return topology if torch.compiler.is_compiling() else replace(topology, seen=frame.warp.read | (frame.mask > 0))
 
 
 def cells_alone(frame: Frame) -> Frame:
@@ -286,7 +290,7 @@ def _fill_emission(frame: Frame, normal: Tensor, position: Tensor, topology: Top
         return emission
     return fill_holes(
         emission,
-        ~sampled if topology is None else ~sampled & topology.exists,
+        ~sampled if topology is None else ~sampled & topology.active,
         frame.mask,
         normal,
         position,

@@ -293,6 +293,8 @@ def run_passes(
     dtype = image.dtype
     if region is not None:
         region = region.to(torch.uint8).expand_as(mask)
+    if topology is not None and topology.seen is not None:
+        region = torch.where(topology.active, 0 if region is None else region, NOWHERE).to(torch.uint8)
     taps = mask
     if options.mask_at == "center":
         inside = torch.zeros_like(mask, dtype=torch.uint8) if region is None else region

@@ -152,7 +152,7 @@ def holes_of(state: State, topology: Topology | None = None) -> Tensor:
         tensor([[False,  True],
                 [ True, False]])
     """
-    return ~state.known if topology is None else ~state.known & topology.exists
+    return ~state.known if topology is None else ~state.known & topology.active
 
 
 def paste(region: Tensor, new: State, old: State) -> State:
@@ -215,7 +215,7 @@ def compose(
         factors: What the widths of radiance, normal and position are multiplied by at each pixel, shape (v, 3, h, w).
         options: Readings of the weights.
         topology: The polar raster that the pixels are cells of; ``None`` means the screen. What is not a cell is
-            neither read nor written.
+            neither read nor written, and a cell that is not seen is not written.
 
     Returns:
         The state after.
@@ -288,7 +288,7 @@ def advance(
         index = nearest_sampled(mask, topology).expand_as(guide).flatten(2)
         centre = torch.where(known, guide, guide.flatten(2).gather(2, index).view_as(guide))
     if topology is not None:
-        region = topology.exists if region is None else region & topology.exists
+        region = topology.active if region is None else region & topology.active
     if options.mask_at == "center":
         region = mask > 0 if region is None else region & (mask > 0)
     blend = blend_taps(

@@ -29,9 +29,11 @@ class Topology:
         heights: Number of rows of each column, int64, shape (w,), each from 1 to ``rows``.
         rows: Height h of the rectangle that images in cells have.
         rotate: Whether the column on the other side of the gaze lies before column 0; otherwise column 0 itself.
+        seen: Which cells are looked at in a frame, bool, shape (v, 1, h, w): what is made of others does not matter.
+            ``None`` means all.
 
     Raises:
-        ShapeError: If ``heights`` has not one axis.
+        ShapeError: If ``heights`` has not one axis, or ``seen`` is of another raster.
         ValueError: If a height is out of range.
 
     Source: Koskela et al., "Foveated real-time path tracing in visual-polar space", 2019: wrap in angle, clamp in
@@ -49,9 +51,12 @@ class Topology:
     heights: Tensor
     rows: int
     rotate: bool = False
+    seen: Tensor | None = None
 
     def __post_init__(self) -> None:
         require_shapes("w", heights=self.heights)
+        if self.seen is not None:
+            self.require(seen=self.seen)
         require_integer("rows", self.rows, minimum=1)
         if not torch.compiler.is_compiling():
             require(not self.heights.is_floating_point(), "heights", self.heights.dtype, "an integer type")
@@ -70,6 +75,19 @@ class Topology:
         with torch.inference_mode(False):  # kept for later calls, whose mode may be another
             rows = torch.arange(self.rows, device=self.heights.device)
             return (rows[:, None] < self.heights)[None, None]
+
+    @cached_property
+    def active(self) -> Tensor:
+        """Whether a place is a cell that is looked at, and so worth a filter's work: bool, shape (v or 1, 1, h, w).
+
+        Example:
+            >>> seen = torch.tensor([[True, False], [True, True]])[None, None]
+            >>> Topology(torch.tensor([1, 2]), rows=2, seen=seen).active[0, 0]
+            tensor([[ True, False],
+                    [False,  True]])
+        """
+        with torch.inference_mode(False):
+            return self.exists if self.seen is None else self.exists & self.seen
 
     def neighbour(self, cells: Tensor, dx: int, dy: int) -> Tensor:
         """Returns the cells that lie some columns and rows away.
