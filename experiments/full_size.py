@@ -2,9 +2,9 @@
 
     python -m experiments.full_size --preset full
 
-Takes the filters of ``tune_sigmas.py``, by hand and fitted (seed 0), to one test pose of each scene, both eyes of
-960 x 1080 pixels, and takes the time of tracing and filtering. Base filters frames whose every pixel was traced, NH3LD
-foveated ones.
+Takes the filters of ``tune_sigmas.py``, by hand and fitted (seed 0), to one test pose of each scene, two eyes of
+960 x 1080 pixels, and takes the time of tracing and filtering both. Base filters frames whose every pixel was traced,
+NH3LD foveated ones. The left eye's image is judged, since a reference of this size costs as much as ten thousand frames.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from fovden.filters import Denoiser
 from fovden.foveation import Gaze, ThreeLayer, sample_map
 from fovden.frame import Frame, Reference
 from fovden.results import Measurement, Run, read_config
-from fovden.tracer import trace_frame
+from fovden.tracer import Instant, accumulate_reference, trace_frame
 from fovden.tuning import load_parameters
 
 __all__ = ["Settings", "main"]
@@ -65,7 +65,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Pose:
-    """A pose's frames by the filter's name, the seconds that tracing them took, and the reference."""
+    """A pose's frames by the filter's name, the seconds that tracing them took, and the left eye's reference."""
 
     frames: dict[str, Frame]
     seconds: dict[str, float]
@@ -75,12 +75,8 @@ class Pose:
 def traced(scene: str, settings: Settings, folder: Path) -> Pose:
     """Traces the first pose of the test, with every pixel and foveated, and its reference."""
     say(f"{scene}: frames and reference")
-    size = {"resolution": settings.resolution, "reference_spp": settings.reference_spp, "folder": folder}
-    data = frame_set(scene, "test", spp=1, falloff=None, **size)
-    _, truth = data[0]
-    if truth is None:
-        raise ValueError(f"{scene}: no reference")
-    world, camera, _ = data.sequence[0]
+    truth = reference_of(scene, settings, folder)
+    world, camera, _ = posed(scene, settings)
     foveated = sample_map(ThreeLayer(), camera, Gaze.center(camera), settings.spp, SEEDS["test"])
     frames, seconds = {}, {}
     for name, samples in (("Base", settings.spp), ("NH3LD", foveated)):
@@ -89,6 +85,21 @@ def traced(scene: str, settings: Settings, folder: Path) -> Pose:
             lambda samples=samples: trace_frame(world, camera, samples, seed=SEEDS["test"]), settings.repeats
         )
     return Pose(frames, seconds, truth)
+
+
+def posed(scene: str, settings: Settings) -> Instant:
+    """Returns the first pose of the test."""
+    return frame_set(scene, "test", resolution=settings.resolution, reference_spp=None).sequence[0]
+
+
+def reference_of(scene: str, settings: Settings, folder: Path) -> Reference:
+    """Returns the left eye's reference, out of the folder if it is there; what was interrupted there goes on."""
+    world, camera, _ = posed(scene, settings)
+    views = camera.views
+    left = replace(views, origin=views.origin[:1], rotation=views.rotation[:1], bounds=views.bounds[:1])
+    return accumulate_reference(
+        world, left, spp=settings.reference_spp, seed=SEEDS["test"], checkpoint=folder / f"{scene}.safetensors"
+    )
 
 
 def filters(settings: Settings, light: str, scene: str) -> dict[str, Denoiser]:
@@ -106,16 +117,16 @@ def filters(settings: Settings, light: str, scene: str) -> dict[str, Denoiser]:
 
 def judge(pose: Pose, rows: dict[str, Denoiser], scene: str, repeats: int) -> list[Measurement]:
     """Returns scores and seconds of the filters on a pose."""
-    images = {"Noisy, full": pose.frames["Base"].radiance, "Noisy, foveated": pose.frames["NH3LD"].radiance}
+    images = {"Noisy, full": pose.frames["Base"].radiance[:1], "Noisy, foveated": pose.frames["NH3LD"].radiance[:1]}
     found = []
     for row, denoiser in rows.items():
         method = row.partition(",")[0]
         with torch.no_grad():
             seconds, denoised = timed(lambda: denoiser(pose.frames[method]), repeats)  # noqa: B023 - called here
-        images[row] = denoised.image
+        images[row] = denoised.image[:1]
         for metric, value in (("seconds_trace", pose.seconds[method]), ("seconds_denoise", seconds)):
             found.append(Measurement(scene, 0, "", row, "whole", metric, value))
-    scores = metrics.compare(images, pose.truth, layer=pose.frames["NH3LD"].layer)
+    scores = metrics.compare(images, pose.truth, layer=pose.frames["NH3LD"].layer[:1])
     keys = dict.fromkeys((s.method, s.region, s.metric) for s in scores.scores if s.metric in JUDGED)
     return found + [
         Measurement(scene, 0, "", method, region, metric, scores.value(method, metric, region))
