@@ -4,11 +4,12 @@
 
 Takes the filters of ``tune_sigmas.py``, by hand and fitted (seed 0), to one test pose of each scene, two eyes of
 960 x 1080 pixels, and takes the time of tracing and filtering both. Base filters frames whose every pixel was traced,
-NH3LD foveated ones. The left eye's image is judged, since a reference of this size costs as much as ten thousand frames.
+NH3LD foveated ones. The left eye's image is judged: a reference of a million pixels takes some ten minutes an eye.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import sys
@@ -103,15 +104,16 @@ def reference_of(scene: str, settings: Settings, folder: Path) -> Reference:
 
 
 def filters(settings: Settings, light: str, scene: str) -> dict[str, Denoiser]:
-    """Returns the filters by hand, and those that were fitted on the scene."""
+    """Returns the filters by hand, and those that were fitted on the scene, of which some may be missing."""
     folder = settings.fits / light
     hand = json.loads((folder / "by_hand.json").read_text(encoding="utf-8"))
     rows: dict[str, Denoiser] = {f"{name}, by hand": unfitted(name, "sigmas", hand, light, 0) for name in METHODS}
-    for name in METHODS:
-        for variant in VARIANTS:
-            row = f"{name}, {variant} of {scene}, seed 0"
+    for name, variant in itertools.product(METHODS, VARIANTS):
+        row = f"{name}, {variant} of {scene}, seed 0"
+        parameters = folder / "fits" / file_name(row) / "parameters.safetensors"
+        if parameters.exists():
             rows[row] = unfitted(name, variant, hand, light, 0)
-            load_parameters(rows[row], folder / "fits" / file_name(row) / "parameters.safetensors")
+            load_parameters(rows[row], parameters)
     return rows
 
 

@@ -8,7 +8,7 @@ from polar_frames import GAZES, POLAR, RASTERS, SCREEN, constant, make_warp, pol
 
 from fovden.camera import Gaze
 from fovden.filters import Atrous, Denoised, Denoiser, NonHomogeneousAtrous, PredictedSigmas, WarpedDenoiser
-from fovden.foveation import LogPolarWarp, ScreenWarp, VisualPolarWarp, eccentricity_pixels
+from fovden.foveation import LogPolarWarp, ScreenWarp, Topology, VisualPolarWarp, eccentricity_pixels
 from fovden.tuning import ImageError, fit, load_parameters, readable, save_parameters
 
 INNER = {
@@ -45,6 +45,26 @@ def test_the_image_is_that_of_the_parts(raster, prefilter):
     assert torch.equal(image, frame.warp.blur(want, 0.7))
     image = build(frame.warp, blur=0, contrast=0.4, prefilter=prefilter)(frame).image
     assert torch.equal(image, (want + 0.4 * (want - frame.warp.blur(want, 2.0))).clamp(min=0))
+
+
+@each_raster
+@pytest.mark.parametrize("inner", INNER)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_what_no_pixel_reads_is_left_alone_and_the_image_stays(raster, inner, dtype, monkeypatch):
+    warp = make_warp(raster, "outside", size=(12, 16))
+    unread = warp.exists & ~warp.read
+    assert unread.any()
+    frame = polar_frame(warp, dirty=False)
+    light = {name: torch.where(unread, 0, getattr(frame, name)) for name in ("direct", "indirect", "emission")}
+    frame = replace(frame, **light, counts=torch.where(unread, 0, frame.counts)).to(dtype)
+    denoiser = build(warp, inner).to(dtype)
+    image, cells = denoiser(frame).image, denoiser.inner(frame).image
+    assert not torch.where(unread, cells, 0).any()
+    monkeypatch.setattr(Topology, "active", property(lambda topology: topology.exists))
+    everything = denoiser.inner(frame).image
+    assert torch.where(unread, everything, 0).any()
+    assert torch.equal(torch.where(unread, 0, everything), cells)
+    assert torch.equal(denoiser(frame).image, image)
 
 
 @each_raster
