@@ -22,6 +22,7 @@ extensions = [
     "docstrings",
     "gallery",
     "measured",
+    "measured_foveations",
     "measured_levels",
     "measured_readings",
     "measured_tuning",
