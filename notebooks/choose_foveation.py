@@ -110,8 +110,9 @@ reference = accumulate_reference(scene, camera, spp=64 if small else 256)
 contact_sheet({name: image[:1] for name, image in (images | {"Reference": reference.mean}).items()}, columns=3)
 
 # %% [markdown]
-# Judged with all pixels alike, within the circles of three layers, and weighted by acuity. Which way is best depends on
-# whose eye it is: a raster spends its paths where the gaze is, and the rim pays.
+# Judged with all pixels alike, within the circles of three layers, and weighted by acuity. A raster spends its paths
+# where the gaze is, and the rim pays twice: a coarse cell has one albedo and one normal for all the pixels that it
+# covers, where a pixel of the screen has its own, whether it has a path or not.
 
 # %%
 layer, weights = ThreeLayer()(camera.views, gaze).layer, {"acuity": metrics.acuity_weight(camera, gaze)}
@@ -139,9 +140,10 @@ dragged = interactive(
 dragged
 
 # %% [markdown]
-# With all paths placed alike for a gaze, what counts is how the error is weighed: `python -m
-# experiments.compare_foveation` fits each way's widths to its own frames and judges nine of them on three scenes.
+# All ways trace the same number of paths, and of the two rasters the one that follows acuity is the better. `python -m
+# experiments.compare_foveation` fits widths to each way's own frames and judges nine of them on three scenes.
 
 # %%
 assert all(abs(samples.paths - budget * 2 * layer[0].numel()) < 0.01 * samples.paths for samples in maps.values())
-assert comparison.value("Visual-polar", "rmse", "acuity") < comparison.value("Three layers", "rmse", "acuity")
+assert comparison.value("Visual-polar", "rmse", "acuity") < comparison.value("Log-polar", "rmse", "acuity")
+assert comparison.value("Visual-polar", "rmse") < comparison.value("Log-polar", "rmse")
