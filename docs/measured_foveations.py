@@ -164,12 +164,12 @@ def _by_scene(mean: Means, columns: Sequence[tuple[str, str, str, str, str]]) ->
 
 
 def _at(points: Sequence[tuple[float, float]], time: float) -> str:
-    """The error at a time, between the two points around it; empty beyond the first and the last."""
-    for (before, high), (after, low) in itertools.pairwise(points):
+    """The error at a time, between the two points around it that have most paths; or how the way's times lie to it."""
+    for (after, low), (before, high) in itertools.pairwise(reversed(points)):
         if before <= time <= after:
             share = (math.log(time) - math.log(before)) / (math.log(after) - math.log(before)) if after > before else 0
             return f"{high + share * (low - high):.4f}"
-    return ""
+    return "slower" if points and min(points)[0] > time else "faster" if points else ""
 
 
 class RayOrder(Measured):

@@ -36,7 +36,7 @@ class ContactSheet:
 
     Example:
         >>> sheet = contact_sheet({"noisy": torch.rand(1, 3, 8, 8)}, exposure=1.0)
-        >>> sheet._repr_png_()[1:4], sheet.exposure
+        >>> sheet.png()[1:4], sheet.exposure
         (b'PNG', 1.0)
     """
 
@@ -44,6 +44,15 @@ class ContactSheet:
     exposure: float
 
     def _repr_png_(self) -> bytes:
+        return self.png()
+
+    def png(self) -> bytes:
+        """Returns the sheet as a PNG of the size that a notebook shows: for a widget, which takes bytes.
+
+        Example:
+            >>> contact_sheet({"noisy": torch.rand(1, 3, 8, 8)}, exposure=1.0).png()[1:4]
+            b'PNG'
+        """
         buffer = bytes_io.BytesIO()
         with drawing():
             info = {"pnginfo": png_info(self.exposure)}

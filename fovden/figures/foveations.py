@@ -30,7 +30,8 @@ def curves_of_ways(
         unit: ``"paths"``, whose cost is seconds; or ``"cells"``, whose cost is cells per pixel.
 
     Returns:
-        Points by the name of the way, in order of cost.
+        Points by the name of the way, in order of paths or cells. Fewer paths may cost more, where they leave holes
+        that take long to fill.
 
     Example:
         >>> names = "Log-polar, converged, 0.4 cells", "Log-polar, converged, 0.2 cells"
@@ -47,10 +48,10 @@ def curves_of_ways(
             own = values.setdefault((way, float(amount.split()[0])), {})
             own.setdefault(row.metric, []).append(row.value)
     curves: dict[str, list[tuple[float, float]]] = {}
-    for (way, share), own in values.items():
+    for (way, share), own in sorted(values.items(), key=lambda item: item[0][1]):
         cost = statistics.fmean(own["seconds"]) if unit == "paths" else share
         curves.setdefault(way, []).append((cost, statistics.fmean(own["rmse"])))
-    return {way: sorted(points) for way, points in curves.items()}
+    return curves
 
 
 def draw_foveations(folder: str | os.PathLike[str]) -> Path:
