@@ -42,6 +42,8 @@ mitsuba = pytest.importorskip("mitsuba", reason="Mitsuba 3 is not installed")
 pytest.importorskip("benchmarks.mitsuba_scene", reason="the tests are not run from the repository's folder")
 from mitsuba_surfaces import register, world_of  # noqa: E402
 
+from benchmarks.frame import start_mitsuba  # noqa: E402
+
 HEIGHT, WIDTH, BLOCK = 64, 96, 8
 BATCHES = 32
 TOLERANCE = 0.005
@@ -52,11 +54,10 @@ ERROR = 0.0014
 @pytest.fixture(scope="module")
 def mi():
     try:
-        mitsuba.set_variant("llvm_ad_rgb")
+        start_mitsuba(2)  # which refuses an LLVM that would abort the process
         mitsuba.load_dict({"type": "sphere"})
     except (ImportError, RuntimeError) as error:
         pytest.skip(f"Mitsuba's compiled variant needs LLVM: {error}")
-    mitsuba.set_log_level(mitsuba.LogLevel.Error)
     register(mitsuba)
     return mitsuba
 
