@@ -76,9 +76,10 @@ class FullSize(Tuning):
         height, width = config["resolution"]
         light = "light without albedo" if config["light"] == "demodulated" else "radiance as it is"
         return (
-            f"One test pose of each scene, both eyes of {width} x {height} pixels; references of "
+            f"One test pose of each scene; scores of the left eye, {width} x {height} pixels, against "
             f"{config['reference_spp']} samples; filters on {light}, fitted on images of half that size (seed 0). "
-            f"Seconds are medians of {config['repeats']}; the last column is the whole frame's, over Base by hand. "
+            f"Seconds are those of both eyes, medians of {config['repeats']}; the last column is Base by hand's over "
+            "each row's, tracing and filter together. "
         )
 
 

@@ -148,8 +148,8 @@ class GuidedDenoiser(Denoiser):
 
     A frame in the cells of a polar raster is filtered there: what pixels and their neighbours are to the filter, cells
     and theirs are (:class:`fovden.foveation.Topology`). Units are then means and medians over cells, of which there are
-    more near the gaze. The image is in cells, and 0 where there is none (:class:`fovden.filters.WarpedDenoiser` has the
-    way to the screen).
+    more near the gaze. The image is in cells, and 0 where there is none, or one without a sample that no pixel of the
+    screen reads (:class:`fovden.filters.WarpedDenoiser` has the way to the screen).
 
     Args:
         relative: Whether to use the view's own units; if not, widths are in the frame's radiance and metres.
