@@ -82,8 +82,7 @@ def opaque(scene: Scene) -> Scene:
 
 def left_eye(scene: Scene, resolution: tuple[int, int]) -> Camera:
     """Returns the left eye of the scene's camera."""
-    views = scene.view().at(resolution).views
-    return replace(views, origin=views.origin[:1], rotation=views.rotation[:1], bounds=views.bounds[:1])
+    return scene.view().at(resolution).views.view(0)
 
 
 def ray_kinds(scene: Scene, camera: Camera) -> dict[str, tuple[Tensor, Tensor, float]]:
@@ -96,9 +95,7 @@ def ray_kinds(scene: Scene, camera: Camera) -> dict[str, tuple[Tensor, Tensor, f
     """
     generator = torch.Generator().manual_seed(0)
     origins, directions = (rays.reshape(-1, 3).contiguous() for rays in camera.rays())
-    points, normal = _surface_points(scene, origins, directions)
-    sphere = torch.nn.functional.normalize(torch.randn(points.shape, generator=generator), dim=1)
-    bounced = torch.nn.functional.normalize(normal + sphere, dim=1)
+    points, bounced = bounce_rays(scene, origins, directions, generator)
     kinds = {"primary": (origins, directions, torch.inf), "bounce": (points, bounced, torch.inf)}
     extent = 2 * float((scene.vertices.amax(0) - scene.vertices.amin(0)).norm())
     ends = []
@@ -114,12 +111,17 @@ def ray_kinds(scene: Scene, camera: Camera) -> dict[str, tuple[Tensor, Tensor, f
     return kinds
 
 
-def _surface_points(scene: Scene, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-    """Where rays meet the scene, a little above the surface, and the surface's normal on the ray's side."""
+def bounce_rays(scene: Scene, origins: Tensor, directions: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Returns rays from what others meet, with density cosine / pi about the normal: a miss has none.
+
+    Origins lie a little above the surface, on the side that the ray came from.
+    """
     hits = scene.intersect(origins, directions)
     hit = hits.prim >= 0
     corners = scene.vertices[scene.faces.long()[hits.prim[hit].long()]]
     normal = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal = torch.nn.functional.normalize(normal, dim=1)
     normal = torch.where(((normal * directions[hit]).sum(1) > 0)[:, None], -normal, normal)
-    return origins[hit] + directions[hit] * hits.t[hit, None] + OFFSET * normal, normal
+    points = origins[hit] + directions[hit] * hits.t[hit, None] + OFFSET * normal
+    sphere = torch.nn.functional.normalize(torch.randn(points.shape, generator=generator), dim=1)
+    return points, torch.nn.functional.normalize(normal + sphere, dim=1)

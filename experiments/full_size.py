@@ -14,7 +14,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -96,11 +96,9 @@ def posed(scene: str, settings: Settings) -> Instant:
 def reference_of(scene: str, settings: Settings, folder: Path) -> Reference:
     """Returns the left eye's reference, out of the folder if it is there; what was interrupted there goes on."""
     world, camera, _ = posed(scene, settings)
-    views = camera.views
-    left = replace(views, origin=views.origin[:1], rotation=views.rotation[:1], bounds=views.bounds[:1])
-    return accumulate_reference(
-        world, left, spp=settings.reference_spp, seed=SEEDS["test"], checkpoint=folder / f"{scene}.safetensors"
-    )
+    checkpoint = folder / f"{scene}.safetensors"
+    left = camera.views.view(0)
+    return accumulate_reference(world, left, spp=settings.reference_spp, seed=SEEDS["test"], checkpoint=checkpoint)
 
 
 def filters(settings: Settings, light: str, scene: str) -> dict[str, Denoiser]:

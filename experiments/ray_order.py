@@ -20,6 +20,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from benchmarks.scenes import bounce_rays
 from experiments.frame_sets import frame_set
 from experiments.harness import run_script, timed
 from experiments.tune_sigmas import present
@@ -31,7 +32,6 @@ from fovden.tracer import Scene
 __all__ = ["Settings", "main"]
 
 SCREEN, SHUFFLED = "Screen, by rows", "Screen, shuffled"
-OFFSET = 1e-4  # metres above the surface, from where a bounce starts
 
 Rays = tuple[Tensor, Tensor]
 
@@ -58,10 +58,9 @@ class Settings:
 
 
 def orders(camera: StereoCamera, mean_cells: float) -> dict[str, tuple[Warp, Tensor]]:
-    """Returns rasters by the name of the order, and the numbers of the cells in it; (views, cells) alike in all."""
+    """Returns the raster of each order, and the numbers of the cells that both eyes read, in that order."""
     gaze = Gaze.center(camera)
-    screen = ScreenWarp.for_camera(camera, gaze)
-    screen = ScreenWarp(gaze, screen.screen, screen.screen)
+    screen = ScreenWarp(gaze, camera.resolution, camera.resolution)
     whole = torch.arange(screen.cell_count)
     shuffled = torch.randperm(len(whole), generator=torch.Generator().manual_seed(0))
     found: dict[str, tuple[Warp, Tensor]] = {SCREEN: (screen, whole), SHUFFLED: (screen, shuffled)}
@@ -80,24 +79,11 @@ def camera_rays(camera: StereoCamera, warp: Warp, numbers: Tensor) -> Rays:
     return tuple(each[:, numbers].reshape(-1, 3).contiguous() for each in (origins, directions))  # type: ignore[return-value]
 
 
-def bounced(scene: Scene, rays: Rays) -> Rays:
-    """Returns a ray in a random direction, by the cosine, from what each ray hits; a miss has none."""
-    hits = scene.intersect(*rays)
-    hit = hits.prim >= 0
-    corners = scene.vertices[scene.faces[hits.prim[hit].long()].long()]
-    normal = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal = torch.nn.functional.normalize(normal, dim=1)
-    normal = torch.where((normal * rays[1][hit]).sum(1, keepdim=True) > 0, -normal, normal)
-    noise = torch.randn(normal.shape, generator=torch.Generator().manual_seed(1))
-    direction = normal + torch.nn.functional.normalize(noise, dim=1)
-    origin = rays[0][hit] + hits.t[hit, None] * rays[1][hit] + OFFSET * normal
-    return origin.contiguous(), direction.contiguous()
-
-
 def measure(scene: Scene, camera: StereoCamera, settings: Settings, record: Run, name: str) -> None:
     """Times all orders in turn."""
     rays = {order: camera_rays(camera, *cells) for order, cells in orders(camera, settings.mean_cells).items()}
-    kinds = {"camera": rays, "bounce": {order: bounced(scene, each) for order, each in rays.items()}}
+    bounces = {order: bounce_rays(scene, *each, torch.Generator().manual_seed(1)) for order, each in rays.items()}
+    kinds = {"camera": rays, "bounce": bounces}
     for number in range(settings.rounds):
         for kind, sets in kinds.items():
             for order, each in sets.items():

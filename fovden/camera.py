@@ -154,6 +154,24 @@ class Camera:
         y = (top - local[..., 1] / safe) / (top - bottom) * height
         return torch.stack([x, y], dim=-1), depth
 
+    def view(self, index: int) -> Camera:
+        """Returns the camera of one view.
+
+        Args:
+            index: Number of the view; 0 is the left eye's.
+
+        Raises:
+            ValueError: If there is no such view.
+
+        Example:
+            >>> views = StereoCamera.look_at((0, 1.6, 0), (0, 1.6, -1), fov_y_deg=90, resolution=(4, 6)).views
+            >>> views.view(1).origin[:, 0]
+            tensor([0.0315])
+        """
+        require_integer("index", index, minimum=0, maximum=self.view_count - 1)
+        parts = {name: getattr(self, name)[index : index + 1] for name in ("origin", "rotation", "bounds")}
+        return replace(self, **parts)
+
     def to(self, *args: object, **kwargs: object) -> Camera:
         """Returns the camera on another device or in another floating type, with the arguments of ``Tensor.to``.
 

@@ -142,7 +142,8 @@ for slider in (x, y):
         "value",
     )
 x.value = 0.35
-before, y.value = picture.value, -0.2
+before = picture.value
+y.value = -0.2
 VBox([x, y, picture])
 
 # %% [markdown]

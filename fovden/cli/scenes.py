@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from fovden import color
-from fovden.camera import Camera, StereoCamera
+from fovden.camera import StereoCamera
 from fovden.io import save_png
 from fovden.tracer import Scene, accumulate_reference, make_scene
 from fovden.tracer.procedural import SCENES
@@ -66,7 +66,7 @@ def views_of(name: str, scene: Scene) -> Mapping[str, StereoCamera]:
 def _preview(path: Path, scene: Scene, camera: StereoCamera, spp: int, seed: int) -> None:
     """The left eye's picture."""
     eyes = camera.views
-    left = Camera(eyes.origin[:1], eyes.rotation[:1], eyes.bounds[:1], eyes.resolution)
+    left = eyes.view(0)
     image = accumulate_reference(scene, left, spp=spp, seed=seed, jitter=True).mean
     exposure = color.exposure(image)
     save_png(path, color.display(image, exposure), exposure=exposure)

@@ -116,11 +116,8 @@ def draw_densities(
             _line(rates, name, style, density_by_eccentricity(rate, degrees, WIDTH))
             _line(samples, None, style, density_by_eccentricity(expected, degrees, WIDTH))
             _marks(samples, style, density_by_eccentricity(drawn, degrees, WIDTH))
-        curve = torch.linspace(0, float(degrees.max()), 400, dtype=torch.float64)
-        seen = (acuity or ReddyAcuity())(curve).numpy()
-        options = {"color": method_style("Reference").colour, "linestyle": "--", "linewidth": 1.6, "zorder": 1}
-        rates.plot(curve, seen, label="acuity", **options)
-        samples.plot(curve, spp * seen, **options)
+        for panel, most in ((rates, 1.0), (samples, spp)):
+            _acuity(panel, acuity or ReddyAcuity(), float(degrees.max()), most)
         _finish(rates, "rates as they are", "rate", (1 / 400, 1.3))
         _finish(samples, f"at {mean_spp:g} paths per pixel", "samples per pixel", (spp / 400, spp * 1.3))
         handles, labels = rates.get_legend_handles_labels()
@@ -177,9 +174,7 @@ def draw_sample_maps(
             mean = mean or float(paths.mean())
             wanted = wanted or mean / float(model(degrees).mean())
             _line(panel, name, style, (places, means))
-        curve = torch.linspace(0, float(degrees.max()), 400, dtype=torch.float64)
-        dashed: dict[str, Any] = {"color": method_style("Reference").colour, "linestyle": "--", "linewidth": 1.6}
-        panel.plot(curve, wanted * model(curve).numpy(), label="acuity", zorder=1, **dashed)
+        _acuity(panel, model, float(degrees.max()), wanted)
         _finish(panel, "", "paths per pixel", (mean / 100, most * 1.3))
         figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=SMALL)
         save_figure(figure, Path(path), 1.0)
@@ -190,6 +185,12 @@ def _line(panel: Any, name: str | None, style: MethodStyle, rings: tuple[list[fl
     every = max(1, len(rings[0]) // 8)
     marks = {} if name is None else {"marker": style.marker, "markersize": 3.5, "markevery": every}
     panel.plot(*rings, color=style.colour, linewidth=1, label=name, zorder=2, **marks)
+
+
+def _acuity(panel: Any, model: Callable[[Tensor], Tensor], farthest: float, most: float) -> None:
+    degrees = torch.linspace(0, farthest, 400, dtype=torch.float64)
+    dashed = {"color": method_style("Reference").colour, "linestyle": "--", "linewidth": 1.6, "zorder": 1}
+    panel.plot(degrees, most * model(degrees).numpy(), label="acuity", **dashed)
 
 
 def _marks(panel: Any, style: MethodStyle, rings: tuple[list[float], list[float]]) -> None:
