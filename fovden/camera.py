@@ -155,13 +155,7 @@ class Camera:
         return torch.stack([x, y], dim=-1), depth
 
     def view(self, index: int) -> Camera:
-        """Returns the camera of one view.
-
-        Args:
-            index: Number of the view; 0 is the left eye's.
-
-        Raises:
-            ValueError: If there is no such view.
+        """Returns the camera of one view, of which 0 is the left eye's; a ``ValueError`` if there is no such view.
 
         Example:
             >>> views = StereoCamera.look_at((0, 1.6, 0), (0, 1.6, -1), fov_y_deg=90, resolution=(4, 6)).views
@@ -169,8 +163,8 @@ class Camera:
             tensor([0.0315])
         """
         require_integer("index", index, minimum=0, maximum=self.view_count - 1)
-        parts = {name: getattr(self, name)[index : index + 1] for name in ("origin", "rotation", "bounds")}
-        return replace(self, **parts)
+        parts = (each[index : index + 1] for each in (self.origin, self.rotation, self.bounds))
+        return Camera(*parts, self.resolution)
 
     def to(self, *args: object, **kwargs: object) -> Camera:
         """Returns the camera on another device or in another floating type, with the arguments of ``Tensor.to``.
