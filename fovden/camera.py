@@ -163,8 +163,8 @@ class Camera:
             tensor([0.0315])
         """
         require_integer("index", index, minimum=0, maximum=self.view_count - 1)
-        parts = (each[index : index + 1] for each in (self.origin, self.rotation, self.bounds))
-        return Camera(*parts, self.resolution)
+        one = slice(index, index + 1)
+        return Camera(self.origin[one], self.rotation[one], self.bounds[one], self.resolution)
 
     def to(self, *args: object, **kwargs: object) -> Camera:
         """Returns the camera on another device or in another floating type, with the arguments of ``Tensor.to``.
