@@ -1,24 +1,31 @@
-"""Large pages for memory that is read all over.
+"""Large pages for memory that is read all over, and memory that a thread keeps.
 
 Rays meet nodes, triangles and texels in no order, and with the usual pages of 4 KiB most of these reads also miss the
 processor's table of pages. Linux gives pages of 2 MiB to memory that asks for them; PyTorch's does not ask. On a hall
 of 262,267 triangles, incoherent rays became 10 to 20 % faster.
+
+A kernel's tile lasts some tenths of a millisecond. Memory that it asked for anew each time would cost it as much: the
+system hands it out page by page, filled with zeros.
 """
 
 from __future__ import annotations
 
 import math
 import mmap
+import threading
 from contextlib import suppress
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-__all__ = ["empty_on_large_pages", "on_large_pages"]
+__all__ = ["zeros_on_large_pages", "floats_of_thread", "on_large_pages"]
 
 PAGE = 1 << 21
 SMALLEST = 1 << 20  # bytes; below this the usual pages do
+
+_kept = threading.local()
 
 
 def on_large_pages(tensor: Tensor) -> Tensor:
@@ -36,11 +43,11 @@ def on_large_pages(tensor: Tensor) -> Tensor:
     """
     if not _worthwhile(tensor.numel() * tensor.element_size()):
         return tensor.detach().contiguous()
-    return empty_on_large_pages(*tensor.shape, dtype=tensor.dtype).copy_(tensor.detach())
+    return zeros_on_large_pages(*tensor.shape, dtype=tensor.dtype).copy_(tensor.detach())
 
 
-def empty_on_large_pages(*shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
-    """Returns a tensor of zeros, or of anything where it is small, in such memory.
+def zeros_on_large_pages(*shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
+    """Returns a tensor of zeros in such memory, which is filled with them when it is first touched.
 
     Args:
         *shape: Its shape.
@@ -50,8 +57,8 @@ def empty_on_large_pages(*shape: int, dtype: torch.dtype = torch.float32) -> Ten
         The tensor; its first element is aligned to 64 bytes, a cache line.
 
     Example:
-        >>> empty_on_large_pages(2, 3).shape
-        torch.Size([2, 3])
+        >>> zeros_on_large_pages(2, 3).sum()
+        tensor(0.)
     """
     size = math.prod(shape) * dtype.itemsize
     if _worthwhile(size):
@@ -62,7 +69,26 @@ def empty_on_large_pages(*shape: int, dtype: torch.dtype = torch.float32) -> Ten
         buffer = np.frombuffer(region, np.uint8)
         start = -buffer.ctypes.data % PAGE
         return torch.from_numpy(buffer[start : start + size]).view(dtype).view(shape)
-    return torch.empty(shape, dtype=dtype)
+    return torch.zeros(shape, dtype=dtype)
+
+
+def floats_of_thread(count: int) -> NDArray[np.float32]:
+    """Returns memory of the calling thread, which keeps it until it asks for more.
+
+    Args:
+        count: How many numbers it needs at least.
+
+    Returns:
+        Those, with what the thread's last caller has left in them.
+
+    Example:
+        >>> floats_of_thread(100) is floats_of_thread(50)
+        True
+    """
+    floats: NDArray[np.float32] | None = getattr(_kept, "floats", None)
+    if floats is None or len(floats) < count:
+        floats = _kept.floats = np.empty(count, np.float32)
+    return floats
 
 
 def _worthwhile(size: int) -> bool:

@@ -120,7 +120,8 @@ def atrous_pass(
     elif kernel is not None:
         require_shapes("5 5", kernel=kernel)
     state = begin(radiance, mask)
-    state = state._replace(known=torch.ones_like(state.known) if known is None else known != 0)
+    everywhere = torch.ones((), dtype=torch.bool, device=radiance.device).expand_as(state.mask)
+    state = state._replace(known=everywhere if known is None else known != 0)
     widths, factors = _factored(sigmas, state.mask)
     only = Pass(require_integer("step", step, minimum=1), widths, label=1 if region is not None else 0, kernel=kernel)
     region = None if region is None else region != 0
@@ -259,7 +260,7 @@ class Atrous(GuidedDenoiser):
         holes = holes_of(state, topology)
         if not torch.compiler.is_compiling() and not bool(holes.any()):
             return state.image
-        image = torch.where(state.known, state.image, 0)
+        image = torch.where(state.has_value(), state.image, 0)
         if not self.fill_holes:
             return image
         widths = scale_widths(hole_widths(passes), factors)

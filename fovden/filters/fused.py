@@ -7,7 +7,7 @@ way back needs goes on tape while a pass writes: the pixels' old values and the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, NamedTuple
@@ -17,22 +17,30 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fovden.filters.kernels.back import Gradients, gather_runs, prepare_runs, reduce_runs, scale_runs
-from fovden.filters.kernels.blend import Guides, Passes, blend_runs
+from fovden.filters.kernels.back import (
+    Gradients,
+    gather_runs,
+    prepare_runs,
+    reduce_runs,
+    scale_runs,
+    scratch_to_gather,
+)
+from fovden.filters.kernels.blend import Guides, Passes, blend_runs, scratch_for
 from fovden.filters.kernels.columns import Columns
-from fovden.filters.kernels.gather import Shares
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.filters.kernels.polar import blend_columns
 from fovden.filters.kernels.polar_back import gather_columns
+from fovden.filters.kernels.rows import in_order
 from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, spread
+from fovden.filters.kernels.shares import Shares
 from fovden.filters.taps import B3_SPLINE
-from fovden.memory import empty_on_large_pages
+from fovden.memory import zeros_on_large_pages, floats_of_thread
 from fovden.parallel import run
 
 __all__ = ["Blended", "Inputs", "Returned", "blend_stack", "return_gradients"]
 
-TILE = 16
-"""Runs that a thread takes at a time: rows, in most images, of some tens of microseconds each."""
+TILE = 32
+"""Runs that a thread takes at a time: rows, in most images, of some ten microseconds each."""
 
 COLUMNS_TILE = 4
 """Columns on the way back: those at the borders of a polar raster have been read by many."""
@@ -47,7 +55,7 @@ class Inputs:
         normal: Normals, the same shape.
         position: Positions, the same shape.
         mask: Weight of each pixel as a tap, shape (v, 1, h, w).
-        known: Which pixels have a value of their own, bool, shape (v, 1, h, w); ``None`` means all.
+        known: Which pixels have a value of their own, bool, shape (v, 1, h, w); ``None`` means whose mask is above 0.
         region: Labels from 0 to 30, bytes, shape (v, 1, h, w); ``None`` means 0.
         inverse: Inverse squared widths of radiance, normal and position in each pass, shape (p, 3).
         factors: What these are multiplied by at each pixel, shape (v, 3, h, w); ``None`` means 1.
@@ -90,7 +98,7 @@ class Inputs:
         count, plane = len(self.steps), self.mask
         spline = np.outer(B3_SPLINE, B3_SPLINE).astype(np.float32).reshape(1, 25)
         kernels = np.tile(spline, (count, 1)) if self.kernels is None else _array(self.kernels).reshape(count, 25)
-        region = torch.zeros_like(plane, dtype=torch.uint8) if self.region is None else self.region
+        labels = np.zeros(plane.shape, np.uint8) if self.region is None else _array(self.region)
         factors = plane.new_empty(0, 3, 1, 1) if self.factors is None else self.factors
         return (
             Passes(
@@ -98,7 +106,7 @@ class Inputs:
                 _array(self.inverse),
                 np.log2(kernels).astype(np.float32),
             ),
-            Guides(_array(self.normal), _array(self.position), _array(region), _array(factors)),
+            Guides(_array(self.normal), _array(self.position), labels, _array(factors)),
         )
 
 
@@ -109,7 +117,8 @@ class Blended(NamedTuple):
         image: Radiance, shape (v, 3, h, w).
         known: Which pixels have a value now, bool, shape (v, 1, h, w).
         mask: Weight of each pixel as a tap now, shape (v, 1, h, w).
-        tape: What :func:`return_gradients` needs, shape (levels, v, 4 or 5, h, w); of no levels if not wanted.
+        tape: What :func:`return_gradients` needs, shape (levels, v, 4 or 5, h, w); of no levels if not wanted. Of each
+            level, the radiance before, unless that is the input, the sums of weights and, where it is filled, the mask.
     """
 
     image: Tensor
@@ -150,29 +159,39 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
     """
     passes, guides = inputs.arrays()
     image, mask = inputs.radiance.contiguous(), inputs.mask.contiguous()
-    known = np.ones(mask.shape, np.float32) if inputs.known is None else _copy(inputs.known)
+    known = np.array(_array(mask) > 0 if inputs.known is None else inputs.known.numpy(), np.float32, order="C")
     levels = list(_levels(inputs, columns))
     channels = 5 if inputs.fill else 4
-    tape = empty_on_large_pages(len(levels) if save else 0, len(image), channels, *image.shape[2:])
+    tape = zeros_on_large_pages(len(levels) if save else 0, len(image), channels, *image.shape[2:])
     nothing = np.empty((0, channels, *image.shape[2:]), np.float32)
+    rows, width = image.shape[2:]
     spare: Tensor | None = None
+    is_kept = True  # the image: it is not ours to write to, and need not be kept otherwise
     for number, level in enumerate(levels):
-        if spare is None:
-            spare = torch.empty_like(image) if level.is_whole else torch.from_numpy(_copy(image))
+        ahead = levels[number + 1] if number + 1 < len(levels) else None
+        on_tape = save and level.is_whole and ahead is not None and ahead.is_whole
+        if on_tape:  # what the next level reads is what the way back needs of it
+            after = tape[number + 1]
+        elif spare is not None:
+            after = spare
+        else:
+            after = zeros_on_large_pages(*inputs.radiance.shape) if level.is_whole else torch.from_numpy(_copy(image))
         next_mask = torch.from_numpy(_copy(mask)) if inputs.fill else mask
         if save and inputs.fill:
             tape[number, :, 4:] = mask
+        runs = in_order(level.runs, level.step, rows) if columns is None else level.runs
         arguments = (
-            level.runs, level.step, passes, guides, _array(image), _array(mask), known, _array(spare),
-            _array(next_mask), inputs.fill, _array(tape[number]) if save else nothing,
+            runs, level.step, passes, guides, _array(image), _array(mask), known, _array(after), _array(next_mask),
+            inputs.fill, _array(tape[number]) if save else nothing, save and not (level.is_whole and is_kept),
         )  # fmt: skip
         if columns is None:
-            run(blend_runs, len(level.runs), arguments, tile=TILE)
+            scratch = scratch_for(-(-width // WIDTH), level.step)
+            run(_with_scratch(blend_runs, scratch), len(runs), arguments, tile=TILE)
         else:
-            run(blend_columns, len(level.runs), (columns.beside(level.step), *arguments), tile=TILE)
-        before, image, mask = image, spare, next_mask
-        spare = None if number == 0 else before  # the input is not ours to write to
-        if spare is not None and number + 1 < len(levels) and levels[number + 1].chosen is not level.chosen:
+            run(blend_columns, len(runs), (columns.beside(level.step), *arguments), tile=TILE)
+        spare = None if is_kept else image
+        image, mask, is_kept = after, next_mask, on_tape
+        if spare is not None and ahead is not None and ahead.chosen is not level.chosen:
             run(copy_runs, len(level.runs), (level.runs, _array(image), _array(spare)), tile=TILE)
     return Blended(image if levels else image.clone(), torch.from_numpy(known > 0), mask, tape)
 
@@ -256,7 +275,7 @@ def _walk_back(
         level, own = levels[number], _array(tape[number])
         last = number + 1 == len(levels)
         if not level.is_whole and (last or levels[number + 1].chosen is not level.chosen):
-            scratch.light.zero_()
+            _array(scratch.light).fill(0)
         if not level.is_whole and not is_ours:
             image, is_ours = torch.from_numpy(_copy(image[:, :3])), True
         runs, unknown = level.runs, np.zeros(len(level.runs), np.bool_)
@@ -271,12 +290,12 @@ def _walk_back(
             tile=TILE,
         )  # fmt: skip
         if level.is_whole:
-            image, is_ours = tape[number], False
+            image, is_ours = tape[number] if number > 0 else inputs.radiance, False
         several = inputs.factors is not None or inputs.kernels is not None or len(level.members) > 1
         differ = several or bool(unknown.any())  # widths, or kernels are wanted, which costs as much
         if differ:
             if not level.is_whole:
-                scratch.scales.zero_()
+                _array(scratch.scales).fill(0)
             run(scale_runs, len(runs), (runs, passes, guides, own, _array(scratch.scales)), tile=TILE)
         mask = tape[number, :, 4:].contiguous() if inputs.fill else inputs.mask
         shares = Shares(light, _array(scratch.scales), differ)
@@ -298,9 +317,10 @@ def _gather(
     """Gathers the gradients of a level, and returns the sums for widths and taps, in parts."""
     number = level.members[0]
     if columns is None:
-        reached = runs_of(spread(level.chosen, level.step, rows), number)
+        reached = in_order(runs_of(spread(level.chosen, level.step, rows), number), level.step, rows)
         sums = np.zeros((len(reached), 3)), np.zeros((len(reached), 25))
-        run(gather_runs, len(reached), (reached, level.step, *arguments, *sums), tile=TILE)
+        scratch = scratch_to_gather(level.chosen.shape[1], level.step)
+        run(_with_scratch(gather_runs, scratch), len(reached), (reached, level.step, *arguments, *sums), tile=TILE)
         return sums
     pairs, offsets = columns.pairs(level.step, np.asarray(level.chosen.any(1)))
     count = len(offsets) - 1
@@ -350,6 +370,15 @@ def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
         runs = np.concatenate([np.add(each, [0, 0, 0, number]) for each, number in zip(own_runs, members, strict=True)])
         is_whole = unlabelled and labels_ == (0,)
         yield _Level(inputs.steps[members[0]], members, chosen, runs.astype(np.int32), is_whole)
+
+
+def _with_scratch(kernel: Callable[..., object], count: int) -> Callable[..., None]:
+    """The kernel, with memory of the thread that calls it for a last argument."""
+
+    def call(start: int, stop: int, *arguments: Any) -> None:
+        kernel(start, stop, *arguments, floats_of_thread(count))
+
+    return call
 
 
 # Between kernels, arrays are filled and copied by NumPy, on one thread: torch would wake threads for it that stay awake

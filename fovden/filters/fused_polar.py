@@ -159,14 +159,13 @@ def _transposed(inputs: Inputs, columns: Columns) -> Inputs:
     if inputs.region is not None:
         labels = _forth(inputs.region, columns).numpy()
     labels[..., ~exists] = NOWHERE
-    known = np.tile(exists.astype(np.float32), (views, 1, 1, 1))
     return replace(
         inputs,
         radiance=_forth(inputs.radiance, columns),
         normal=_forth(inputs.normal, columns),
         position=_forth(inputs.position, columns),
         mask=_forth(inputs.mask, columns),
-        known=torch.from_numpy(known) if inputs.known is None else _forth(inputs.known, columns),
+        known=None if inputs.known is None else _forth(inputs.known, columns),
         region=torch.from_numpy(labels),
         factors=None if inputs.factors is None else _forth(inputs.factors, columns),
         kernels=None if inputs.kernels is None else inputs.kernels.transpose(1, 2),

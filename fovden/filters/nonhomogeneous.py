@@ -331,7 +331,7 @@ class NonHomogeneousAtrous(GuidedDenoiser):
         holes = holes_of(state, topology)
         if not torch.compiler.is_compiling() and not bool(holes.any()):
             return state.image
-        image = torch.where(state.known, state.image, 0)
+        image = torch.where(state.has_value(), state.image, 0)
         if self.options.mask_at == "center" or not self.fill_holes:
             return image
         by_layer = zip(*map(hole_widths, stacks), strict=True)

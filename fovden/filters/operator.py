@@ -226,7 +226,7 @@ def _compose(
     state = State(
         tensors["radiance"],
         tensors["mask"],
-        torch.ones_like(tensors["mask"], dtype=torch.bool) if known is None else known,
+        known,
         tensors["radiance"],
     )
     topology = None if heights is None else Topology(heights, tensors["mask"].shape[2], rotate)
@@ -299,6 +299,7 @@ def run_passes(
     if options.mask_at == "center":
         inside = torch.zeros_like(mask, dtype=torch.uint8) if region is None else region
         region, taps = torch.where(mask > 0, inside, NOWHERE), torch.ones_like(mask)
+        known = state.has_value()
     widths = [
         torch.stack([torch.as_tensor(sigma, dtype=dtype) for sigma in (s.radiance, step * s.normal, s.position)])
         for step, s, *_ in passes
@@ -314,7 +315,7 @@ def run_passes(
         normal.to(dtype),
         position.to(dtype),
         taps,
-        None if options.unsampled_guide == "literal" else known,
+        torch.ones((), dtype=torch.bool).expand_as(mask) if options.unsampled_guide == "literal" else known,
         region,
         inverse,
         factors,
@@ -329,7 +330,7 @@ def run_passes(
     )
     call = _atrous if torch.compiler.is_compiling() else _Stack.apply
     after, filled, next_mask, _ = call(*arguments)  # type: ignore[no-untyped-call]
-    known = known | filled if options.unsampled_guide == "literal" else filled  # else the operator has both
+    known = state.has_value() | filled if options.unsampled_guide == "literal" else filled  # else it is in both
     return State(after, next_mask if options.fill else mask, known, first)
 
 

@@ -49,14 +49,27 @@ class State(NamedTuple):
     Attributes:
         image: Radiance so far, shape (v, 3, h, w).
         mask: Weight of each pixel as a tap, shape (v, 1, h, w).
-        known: Whether the pixel has a value of its own, bool, shape (v, 1, h, w).
+        known: Whether the pixel has a value of its own, bool, shape (v, 1, h, w); ``None`` where its mask is above 0.
         first: The first value of each pixel: its input, or what it was first filled with.
+
+    Example:
+        >>> State(torch.ones(1, 3, 2, 2), torch.eye(2)[None, None], None, torch.ones(1, 3, 2, 2)).has_value().sum()
+        tensor(2)
     """
 
     image: Tensor
     mask: Tensor
-    known: Tensor
+    known: Tensor | None
     first: Tensor
+
+    def has_value(self) -> Tensor:
+        """Returns ``known``, also where it goes without saying.
+
+        Example:
+            >>> begin(torch.ones(1, 3, 2, 2), None).has_value().all()
+            tensor(True)
+        """
+        return self.mask > 0 if self.known is None else self.known
 
 
 class Pass(NamedTuple):
@@ -130,14 +143,14 @@ def begin(radiance: Tensor, mask: Tensor | None, topology: Topology | None = Non
         ShapeError: If the image does not fit the topology.
 
     Example:
-        >>> begin(torch.ones(1, 3, 2, 2), torch.eye(2)[None, None]).known.sum()
+        >>> begin(torch.ones(1, 3, 2, 2), torch.eye(2)[None, None]).has_value().sum()
         tensor(2)
     """
     mask = torch.ones_like(radiance[:, :1]) if mask is None else mask.to(radiance.dtype).expand_as(radiance[:, :1])
     if topology is not None:
         topology.require(radiance=radiance)
         radiance, mask = torch.where(topology.exists, radiance, 0), torch.where(topology.exists, mask, 0)
-    return State(radiance, mask, mask > 0, radiance)
+    return State(radiance, mask, None, radiance)
 
 
 def holes_of(state: State, topology: Topology | None = None) -> Tensor:
@@ -152,7 +165,8 @@ def holes_of(state: State, topology: Topology | None = None) -> Tensor:
         tensor([[False,  True],
                 [ True, False]])
     """
-    return ~state.known if topology is None else ~state.known & topology.active
+    holes = ~state.has_value()
+    return holes if topology is None else holes & topology.active
 
 
 def paste(region: Tensor, new: State, old: State) -> State:
@@ -171,7 +185,8 @@ def paste(region: Tensor, new: State, old: State) -> State:
         >>> paste(torch.tensor([[[[True, False]]]]), two, one).image[0, 0]
         tensor([[2., 1.]])
     """
-    return State(*(torch.where(region, inside, outside) for inside, outside in zip(new, old, strict=True)))
+    pairs = zip(new._replace(known=new.has_value()), old._replace(known=old.has_value()), strict=True)
+    return State(*(torch.where(region, inside, outside) for inside, outside in pairs))
 
 
 def scale_widths(sigmas: Sigmas, factors: Tensor | None) -> Sigmas:
@@ -275,7 +290,8 @@ def advance(
         >>> advance(half, flat, flat, step=1, sigmas=Sigmas(1.0, 1.0, 1.0), options=PassOptions()).known.all()
         tensor(True)
     """
-    image, mask, known, first = state
+    image, mask, _, first = state
+    known = state.has_value()
     guide = first if options.guide == "input" else image
     if options.guide_curve == "log":
         guide = guide.log1p()

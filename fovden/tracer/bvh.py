@@ -15,7 +15,7 @@ from torch import Tensor
 
 from fovden import parallel
 from fovden.checks import require, require_shapes
-from fovden.memory import empty_on_large_pages
+from fovden.memory import zeros_on_large_pages
 from fovden.tracer.kernels import build, collapse, refit, splits, streams
 from fovden.tracer.kernels.build import SMALLEST_SUBTREE, STACK_ROWS, SUBTREES, UPPER_NODES, BinaryTree
 from fovden.tracer.kernels.layout import BLOCK_SIZE, CUTOUT, NODE_SIZE, WIDTH
@@ -177,7 +177,7 @@ def _packed(tree: Tree, vertices: Tensor, faces: Tensor, cutouts: Tensor | None)
     """Nodes and leaf blocks as rays read them."""
     cutouts = torch.zeros(len(faces), dtype=torch.bool) if cutouts is None else cutouts
     require_shapes("m", {"m": len(faces)}, cutouts=cutouts)
-    nodes, blocks = empty_on_large_pages(len(tree.codes), NODE_SIZE), empty_on_large_pages(tree.blocks, BLOCK_SIZE)
+    nodes, blocks = zeros_on_large_pages(len(tree.codes), NODE_SIZE), zeros_on_large_pages(tree.blocks, BLOCK_SIZE)
     mesh, holes = _mesh_arrays(vertices, faces), cutouts.to(torch.bool).contiguous().numpy()
     memory = [part for whole in (nodes, blocks) for part in (whole.numpy(), whole.view(torch.int32).numpy())]
     arguments = (tree.binary, tree.children, tree.codes, *mesh, holes, *memory)

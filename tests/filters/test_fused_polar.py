@@ -99,7 +99,7 @@ def compare(raster, plan, *, mask="full", region=None, fill=False, factors=False
     """Errors of the image and of each gradient, that of the light kernels included."""
     made = tensors(raster, mask=mask, factors=factors, kernels=kernels, passes=len(plan))
     labels = None if region is None else labels_of(raster, region)
-    has_value = None if known == "all" else made["mask"].detach() > 0
+    has_value = torch.ones_like(made["mask"], dtype=torch.bool) if known == "all" else made["mask"].detach() > 0
     image, filled, has = polar_twin(raster, made, plan, known=has_value, region=labels, fill=fill)
     inputs, rotate = inputs_of(made, plan, has_value, labels, fill), raster.fovea_border == "rotate"
     blended = blend_polar_stack(inputs, raster.heights, rotate, save=True)

@@ -116,7 +116,7 @@ def compare(plan, *, mask="full", region=False, options=None, factors=False, ker
             outputs, seeds = [*outputs, state.mask], [*seeds, seed[:, :1].to(dtype)]
         gradients[run] = torch.autograd.grad(outputs, list(leaves.values()), seeds, allow_unused=True)
         states[run] = state
-    assert torch.equal(states[run_passes].known, states[compose].known)
+    assert torch.equal(states[run_passes].has_value(), states[compose].has_value())
     found = {"image": error(states[run_passes].image, states[compose].image)}
     for name, got, want in zip(leaves, gradients[run_passes], gradients[compose], strict=True):
         if want is not None:

@@ -11,7 +11,7 @@ from llvmlite import ir
 from numba.core import cgutils
 
 from fovden.jit import Float, inlined
-from fovden.simd import F32, I32, Builder, Lanes, Value, fused, splat
+from fovden.simd import F32, I32, I64, Builder, Lanes, Value, fused, splat
 
 WIDTH = 16
 """Pixels of a block. Where a processor's vectors are shorter, LLVM takes two or four of them."""
@@ -66,6 +66,11 @@ def masked_store(builder: Builder, lanes: Lanes, pointer: Value, offset: Value, 
     name = f"llvm.masked.store.v{WIDTH}f32.p0v{WIDTH}f32"
     function = cgutils.get_or_insert_function(builder.module, signature, name)
     builder.call(function, [lanes.value, place, ir.Constant(I32, 4), mask])
+
+
+def number_at(builder: Builder, pointer: Value, index: int) -> Lanes:
+    """A number of memory, in all lanes."""
+    return splat(builder, builder.load(builder.gep(pointer, [ir.Constant(I64, index)])), WIDTH)
 
 
 def exp2(x: Lanes) -> Lanes:

@@ -15,23 +15,23 @@ from fovden.filters.kernels.blend import (
     ALL_SCALES,
     ALL_SUMS,
     BLOCKS,
+    CHANNELS,
+    MASK,
     SCALES,
     SUMS,
-    ZERO,
     Guides,
     Passes,
     View,
-    add_taps,
     finish_block,
     scale_block,
     view_of,
 )
 from fovden.filters.kernels.columns import Beside, aligned, find_rows, read_strip
 from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.pairs import SCRAP
+from fovden.filters.kernels.weigh import ZERO, add_taps
 from fovden.jit import Int, inlined, kernel
 from fovden.simd import advanced, pointer_to, stack_floats
-
-MASK, READ = 9, 10  # channels of strips: radiance, normal, position, and the mask
 
 
 class Desk(NamedTuple):
@@ -99,7 +99,7 @@ def inner_blocks(first: Int, blocks: Int, height: Int, step: Int) -> Any:
 @inlined
 def add_column(
     view: View, desk: Desk, beside: Beside, tap: Int, column: Int, first: Int, blocks: Int, step: Int, taps: Any,
-    all_scales: Any, all_sums: Any,
+    all_scales: Any, all_sums: Any, scrap: Any,
 ) -> None:  # fmt: skip
     """Adds the five taps that stand in one column to some blocks, from row ``first`` on."""
     other, turned, height = beside.column[tap, column], beside.turned[tap, column], beside.heights[column]
@@ -120,12 +120,12 @@ def add_column(
             read_guides(view, other, desk.rows, length, its_height, agrees, desk, place)
         seen = view if lies else on_desk(desk, view, length)
         own, its = (column * view.width + first, other * view.width + first) if lies else (np.int64(0), desk.there)
-        begins, width = (first, height) if lies else (2 * step - top, length)
         for block in range(start, stop):
             x = block * WIDTH
             add_taps(
-                seen.image, seen.normal, seen.position, seen.mask, seen.plane, own + x, its + x, begins + x, width,
-                step, advanced(taps, 5 * tap), advanced(all_scales, SCALES * block), advanced(all_sums, SUMS * block),
+                seen.image, seen.normal, seen.position, seen.mask, seen.plane, own + x, its + x, step,
+                advanced(taps, 5 * tap), advanced(all_scales, SCALES * block), advanced(all_sums, SUMS * block),
+                scrap, WIDTH,
             )  # fmt: skip
 
 
@@ -145,6 +145,7 @@ def blend_columns(
     next_mask: Any,
     fills: bool,
     tape: Any,
+    keeps: bool,
 ) -> None:
     """Filters the blocks of the runs start .. stop - 1, which are parts of columns.
 
@@ -163,9 +164,10 @@ def blend_columns(
         next_mask: As there.
         fills: As there.
         tape: As there.
+        keeps: As there.
     """
-    desk = desk_for(READ, BLOCKS * WIDTH, step)
-    all_sums, all_scales = stack_floats(ALL_SUMS), stack_floats(ALL_SCALES)
+    desk = desk_for(CHANNELS, BLOCKS * WIDTH, step)
+    all_sums, all_scales, scrap = stack_floats(ALL_SUMS), stack_floats(ALL_SCALES), stack_floats(SCRAP)
     tapes = tape.shape[0] > 0
     for run in range(start, stop):
         which, column = np.int64(runs[run, 0]) // image.shape[2], np.int64(runs[run, 0]) % image.shape[2]
@@ -173,7 +175,7 @@ def blend_columns(
         view, height = view_of(which, image, mask, known, guides), beside.heights[column]
         plane = view.plane
         inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
-        view_out = advanced(pointer_to(out), 3 * which * plane)
+        view_out = advanced(pointer_to(out), out.shape[1] * which * plane)
         view_next = advanced(pointer_to(next_mask), which * plane)
         view_tape = advanced(pointer_to(tape), tape.shape[1] * which * plane)
         for left in range(np.int64(runs[run, 1]), end, BLOCKS):
@@ -188,10 +190,10 @@ def blend_columns(
                     inverse, view.known, view.factors, view.has_factors, plane, at + x, first + x, height, scales
                 )  # fmt: skip
             for tap in range(5):
-                add_column(view, desk, beside, tap, column, first, blocks, step, taps, all_scales, all_sums)
+                add_column(view, desk, beside, tap, column, first, blocks, step, taps, all_scales, all_sums, scrap)
             for block in range(blocks):
                 x = block * WIDTH
                 finish_block(
                     advanced(all_sums, SUMS * block), view.image, view.known, view.labels, plane, at + x, first + x,
-                    height, passes.labels[number], view_out, view_next, fills, view_tape, tapes,
+                    height, passes.labels[number], view_out, view_next, fills, view_tape, tapes, keeps,
                 )  # fmt: skip

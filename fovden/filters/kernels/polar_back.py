@@ -12,16 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from fovden.filters.kernels.back import TAP_SUMS, WIDTH_SUMS, Gradients, hand_back
-from fovden.filters.kernels.blend import ZERO, Guides, Passes, View, view_of
+from fovden.filters.kernels.back import BLOCK_SUMS, LIGHT, SCALES, TAP_SUMS, Gradients, hand_back
+from fovden.filters.kernels.blend import MASK, NORMAL, POSITION, Guides, Passes, View, view_of
 from fovden.filters.kernels.columns import BACK, FORTH, aligned, clear_strip, find_rows, read_strip
-from fovden.filters.kernels.gather import GATHERED, NORMAL, SUMS, WIDTHS, Shares, gather_taps
+from fovden.filters.kernels.gather import gather_differing, gather_row
 from fovden.filters.kernels.lanes import WIDTH
-from fovden.filters.kernels.polar import READ, Desk, desk_for, on_desk, read_guides
+from fovden.filters.kernels.pairs import SCRAP
+from fovden.filters.kernels.polar import Desk, desk_for, read_guides
+from fovden.filters.kernels.shares import GATHERED, SUMS, WIDTHS, Read, Shares
+from fovden.filters.kernels.shares import NORMAL as NORMAL_SUM
+from fovden.filters.kernels.weigh import ZERO
 from fovden.jit import Int, inlined, kernel
 from fovden.simd import advanced, pointer_to, stack_floats
 
-LIGHT, SCALES, CHANNELS = READ, READ + 4, READ + 7  # channels of strips, after those on the way forth
+CHANNELS = SCALES + 3  # of strips
+HALF = np.float32(0.5)
 
 
 @inlined
@@ -36,15 +41,16 @@ def read_pair(
     """
     height, its_height = heights[column], heights[other]
     frame = its_height if kind == BACK else height
-    length, count = frame + 4 * step, -(-frame // WIDTH) * WIDTH
+    count = -(-frame // WIDTH) * WIDTH  # whole blocks: what lies beyond the end goes around
+    length = count + 4 * step
     agrees = its_height == frame
     find_rows(-2 * step, 1 if agrees else length, frame, its_height, turned if kind == FORTH else 0, desk.rows)
     read_all(view, shares, other, length, its_height, agrees, kind != FORTH, desk, desk.there - 2 * step)
     if not is_here:
         find_rows(0, count, frame, height, turned if kind == BACK else 0, desk.rows)
         read_all(view, shares, column, count, height, frame == height, kind != BACK, desk, 0)
-        end = advanced(pointer_to(desk.strips), LIGHT * desk.apart + frame)
-        clear_strip(4, count - frame, end, desk.apart)  # what lies beyond the end hands nothing back
+        end = advanced(pointer_to(desk.strips), MASK * desk.apart + frame)
+        clear_strip(5, count - frame, end, desk.apart)  # beyond the end, nothing weighs or hands anything back
 
 
 @inlined
@@ -65,15 +71,26 @@ def read_all(
 
 
 @inlined
+def read_from(desk: Desk) -> Read:
+    """The channels of the strips."""
+    base, apart = pointer_to(desk.strips), desk.apart
+    return Read(
+        base, advanced(base, NORMAL * apart), advanced(base, POSITION * apart), advanced(base, MASK * apart),
+        advanced(base, LIGHT * apart), advanced(base, SCALES * apart), apart,
+    )  # fmt: skip
+
+
+@inlined
 def fold(sums: Any, rows: Any, count: Int, everything: bool, own_sums: Any) -> None:
     """Adds the sums of a strip's rows to those of the column's rows that they are."""
     for j in range(count):
         row = rows[j]
-        source, target = j // WIDTH * SUMS + j % WIDTH, row // WIDTH * SUMS + row % WIDTH
+        source, target = j // WIDTH * BLOCK_SUMS + j % WIDTH, row // WIDTH * BLOCK_SUMS + row % WIDTH
         for k in range(3):
             own_sums[target + k * WIDTH] += sums[source + k * WIDTH]
+            own_sums[target + SUMS + k * WIDTH] += sums[source + SUMS + k * WIDTH]
         if everything:
-            for k in range(NORMAL, GATHERED):
+            for k in range(NORMAL_SUM, GATHERED):
                 own_sums[target + k * WIDTH] += sums[source + k * WIDTH]
 
 
@@ -117,10 +134,10 @@ def gather_columns(
         tap_sums: As there, for each column.
     """
     desk = desk_for(CHANNELS, image.shape[3], step)
-    room = image.shape[3] // WIDTH * SUMS
+    room = image.shape[3] // WIDTH * BLOCK_SUMS
     floats = aligned(np.empty(2 * room + WIDTH, np.float32))
-    run_taps, run_widths = stack_floats(TAP_SUMS), stack_floats(WIDTH_SUMS)
-    strip_shares = Shares(desk.strips[LIGHT * desk.apart :], desk.strips[SCALES * desk.apart :], shares.differ)
+    run_taps, run_widths = stack_floats(TAP_SUMS), stack_floats(WIDTHS)
+    scrap = stack_floats(SCRAP)
     inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
     view = view_of(0, image, mask, mask, guides)
     for item in range(start, stop):
@@ -130,7 +147,7 @@ def gather_columns(
             floats[k] = ZERO
         for k in range(TAP_SUMS):
             run_taps[k] = ZERO
-        for k in range(WIDTH_SUMS):
+        for k in range(WIDTHS):
             run_widths[k] = ZERO
         for pair in range(offsets[item], offsets[item + 1]):
             other, turned, tap, kind = pairs[pair, 1], pairs[pair, 2], pairs[pair, 3], pairs[pair, 4]
@@ -139,26 +156,30 @@ def gather_columns(
             frame = height if own else heights[other]
             sums = advanced(pointer_to(floats), 0 if own else room)
             if not own:
-                for k in range(-(-frame // WIDTH) * SUMS):
+                for k in range(-(-frame // WIDTH) * BLOCK_SUMS):
                     sums[k] = ZERO
+            read, row_taps, back = read_from(desk), advanced(taps, 5 * tap), advanced(taps, 20 - 5 * tap)
             for block in range(-(-frame // WIDTH)):
-                x = block * WIDTH
-                gather_taps(
-                    on_desk(desk, view, frame + 4 * step), strip_shares, everything, x, desk.there + x, 2 * step + x,
-                    step, inverse, advanced(taps, 5 * tap), advanced(taps, 20 - 5 * tap), advanced(sums, SUMS * block),
-                    advanced(run_taps, 5 * WIDTH * tap),
-                )  # fmt: skip
+                x, place = block * WIDTH, advanced(sums, BLOCK_SUMS * block)
+                widths = advanced(place, SUMS)
+                if shares.differ:
+                    tap_place = advanced(run_taps, 5 * WIDTH * tap)
+                    gather_differing(read, x, desk.there + x, step, row_taps, back, place, widths, tap_place)
+                else:
+                    gather_row(
+                        read, everything, x, desk.there + x, step, inverse, row_taps, place, widths, scrap, WIDTH
+                    )
             if not own:
                 fold(sums, desk.rows, frame, everything, pointer_to(floats))
         for block in range(-(-height // WIDTH)):
-            x, sums = block * WIDTH, advanced(pointer_to(floats), SUMS * block)
+            x, sums = block * WIDTH, advanced(pointer_to(floats), BLOCK_SUMS * block)
             hand_back(sums, shares.differ, everything, view.plane, at + x, x, height, gradients)
-            for k in range(WIDTH_SUMS):
-                run_widths[k] += sums[WIDTHS * WIDTH + k]
+            for k in range(WIDTHS):
+                run_widths[k] += sums[SUMS + k]
         for lane in range(WIDTH):
             if shares.differ:
                 for tap in range(25):
                     tap_sums[item, tap] += run_taps[tap * WIDTH + lane]
             else:
                 for g in range(3):
-                    width_sums[item, g] -= run_widths[g * WIDTH + lane]
+                    width_sums[item, g] -= HALF * run_widths[g * WIDTH + lane]  # each pair came twice
