@@ -40,7 +40,7 @@ from fovden.parallel import run
 __all__ = ["Blended", "Inputs", "Returned", "blend_stack", "return_gradients"]
 
 TILE = 32
-"""Runs that a thread takes at a time: rows, in most images, of some ten microseconds each."""
+"""Rows that a thread takes at a time, of some ten microseconds each. The first two weigh their taps themselves."""
 
 COLUMNS_TILE = 4
 """Columns on the way back: those at the borders of a polar raster have been read by many."""
@@ -175,7 +175,9 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
         elif spare is not None:
             after = spare
         else:
-            after = zeros_on_large_pages(*inputs.radiance.shape) if level.is_whole else torch.from_numpy(_copy(image))
+            after = zeros_on_large_pages(*inputs.radiance.shape)
+            if not level.is_whole:
+                _copy_to(after, image)
         next_mask = torch.from_numpy(_copy(mask)) if inputs.fill else mask
         if save and inputs.fill:
             tape[number, :, 4:] = mask
@@ -186,7 +188,7 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
         )  # fmt: skip
         if columns is None:
             scratch = scratch_for(-(-width // WIDTH), level.step)
-            run(_with_scratch(blend_runs, scratch), len(runs), arguments, tile=TILE)
+            run(_with_scratch(blend_runs, scratch), len(runs), arguments, tile=_tile(runs))
         else:
             run(blend_columns, len(runs), (columns.beside(level.step), *arguments), tile=TILE)
         spare = None if is_kept else image
@@ -320,7 +322,8 @@ def _gather(
         reached = in_order(runs_of(spread(level.chosen, level.step, rows), number), level.step, rows)
         sums = np.zeros((len(reached), 3)), np.zeros((len(reached), 25))
         scratch = scratch_to_gather(level.chosen.shape[1], level.step)
-        run(_with_scratch(gather_runs, scratch), len(reached), (reached, level.step, *arguments, *sums), tile=TILE)
+        tile, gather = _tile(reached), _with_scratch(gather_runs, scratch)
+        run(gather, len(reached), (reached, level.step, *arguments, *sums), tile=tile)
         return sums
     pairs, offsets = columns.pairs(level.step, np.asarray(level.chosen.any(1)))
     count = len(offsets) - 1
@@ -372,6 +375,12 @@ def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
         yield _Level(inputs.steps[members[0]], members, chosen, runs.astype(np.int32), is_whole)
 
 
+def _tile(runs: NDArray[np.int32]) -> int:
+    """How many runs a thread takes at a time, that its rows lie beside each other: some have several runs."""
+    rows = 1 + np.count_nonzero(np.diff(runs[:, [0, 3]], axis=0).any(1))
+    return -(-TILE * len(runs) // rows)
+
+
 def _with_scratch(kernel: Callable[..., object], count: int) -> Callable[..., None]:
     """The kernel, with memory of the thread that calls it for a last argument."""
 
@@ -379,6 +388,14 @@ def _with_scratch(kernel: Callable[..., object], count: int) -> Callable[..., No
         kernel(start, stop, *arguments, floats_of_thread(count))
 
     return call
+
+
+def _copy_to(target: Tensor, image: Tensor) -> None:
+    """Copies an image, on all threads."""
+    views, _, rows, width = target.shape
+    runs = np.zeros((views * rows, 4), np.int32)
+    runs[:, 0], runs[:, 2] = np.arange(len(runs)), -(-width // WIDTH)
+    run(copy_runs, len(runs), (runs, _array(image), _array(target)), tile=TILE)
 
 
 # Between kernels, arrays are filled and copied by NumPy, on one thread: torch would wake threads for it that stay awake
