@@ -20,7 +20,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-__all__ = ["zeros_on_large_pages", "floats_of_thread", "on_large_pages"]
+__all__ = ["floats_of_thread", "on_large_pages", "zeros_on_large_pages"]
 
 PAGE = 1 << 21
 SMALLEST = 1 << 20  # bytes; below this the usual pages do
@@ -69,7 +69,9 @@ def zeros_on_large_pages(*shape: int, dtype: torch.dtype = torch.float32) -> Ten
         buffer = np.frombuffer(region, np.uint8)
         start = -buffer.ctypes.data % PAGE
         return torch.from_numpy(buffer[start : start + size]).view(dtype).view(shape)
-    return torch.zeros(shape, dtype=dtype)
+    buffer = np.zeros(size + 64, np.uint8)  # torch would wake its threads
+    start = -buffer.ctypes.data % 64
+    return torch.from_numpy(buffer[start : start + size]).view(dtype).view(shape)
 
 
 def floats_of_thread(count: int) -> NDArray[np.float32]:

@@ -7,7 +7,7 @@ way back needs goes on tape while a pass writes: the pixels' old values and the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, NamedTuple
@@ -17,24 +17,25 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from fovden.filters._arrays import array_of, copied, copy_to, with_scratch, zeros
 from fovden.filters.kernels.back import (
     Gradients,
-    gather_runs,
     prepare_runs,
     reduce_runs,
     scale_runs,
-    scratch_to_gather,
 )
-from fovden.filters.kernels.blend import Guides, Passes, blend_runs, scratch_for
+from fovden.filters.kernels.blend import Guides, Passes
+from fovden.filters.kernels.blend_rows import blend_runs, scratch_for
 from fovden.filters.kernels.columns import Columns
+from fovden.filters.kernels.gather_rows import gather_runs, scratch_to_gather
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.filters.kernels.polar import blend_columns
 from fovden.filters.kernels.polar_back import gather_columns
 from fovden.filters.kernels.rows import in_order
-from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, spread
+from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, runs_of_rows, spread
 from fovden.filters.kernels.shares import Shares
 from fovden.filters.taps import B3_SPLINE
-from fovden.memory import zeros_on_large_pages, floats_of_thread
+from fovden.memory import zeros_on_large_pages
 from fovden.parallel import run
 
 __all__ = ["Blended", "Inputs", "Returned", "blend_stack", "return_gradients"]
@@ -97,16 +98,16 @@ class Inputs:
         """
         count, plane = len(self.steps), self.mask
         spline = np.outer(B3_SPLINE, B3_SPLINE).astype(np.float32).reshape(1, 25)
-        kernels = np.tile(spline, (count, 1)) if self.kernels is None else _array(self.kernels).reshape(count, 25)
-        labels = np.zeros(plane.shape, np.uint8) if self.region is None else _array(self.region)
+        kernels = np.tile(spline, (count, 1)) if self.kernels is None else array_of(self.kernels).reshape(count, 25)
+        labels = np.zeros(plane.shape, np.uint8) if self.region is None else array_of(self.region)
         factors = plane.new_empty(0, 3, 1, 1) if self.factors is None else self.factors
         return (
             Passes(
                 np.asarray(self.labels, np.int64),
-                _array(self.inverse),
+                array_of(self.inverse),
                 np.log2(kernels).astype(np.float32),
             ),
-            Guides(_array(self.normal), _array(self.position), labels, _array(factors)),
+            Guides(array_of(self.normal), array_of(self.position), labels, array_of(factors)),
         )
 
 
@@ -159,7 +160,7 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
     """
     passes, guides = inputs.arrays()
     image, mask = inputs.radiance.contiguous(), inputs.mask.contiguous()
-    known = np.array(_array(mask) > 0 if inputs.known is None else inputs.known.numpy(), np.float32, order="C")
+    known = np.array(array_of(mask) > 0 if inputs.known is None else inputs.known.numpy(), np.float32, order="C")
     levels = list(_levels(inputs, columns))
     channels = 5 if inputs.fill else 4
     tape = zeros_on_large_pages(len(levels) if save else 0, len(image), channels, *image.shape[2:])
@@ -177,24 +178,25 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
         else:
             after = zeros_on_large_pages(*inputs.radiance.shape)
             if not level.is_whole:
-                _copy_to(after, image)
-        next_mask = torch.from_numpy(_copy(mask)) if inputs.fill else mask
+                copy_to(after, image)
+        next_mask = torch.from_numpy(copied(mask)) if inputs.fill else mask
         if save and inputs.fill:
             tape[number, :, 4:] = mask
         runs = in_order(level.runs, level.step, rows) if columns is None else level.runs
         arguments = (
-            runs, level.step, passes, guides, _array(image), _array(mask), known, _array(after), _array(next_mask),
-            inputs.fill, _array(tape[number]) if save else nothing, save and not (level.is_whole and is_kept),
+            runs, level.step, passes, guides, array_of(image), array_of(mask), known, array_of(after),
+            array_of(next_mask), inputs.fill, array_of(tape[number]) if save else nothing,
+            save and not (level.is_whole and is_kept),
         )  # fmt: skip
         if columns is None:
             scratch = scratch_for(-(-width // WIDTH), level.step)
-            run(_with_scratch(blend_runs, scratch), len(runs), arguments, tile=_tile(runs))
+            run(with_scratch(blend_runs, scratch), len(runs), arguments, tile=runs_of_rows(TILE, runs))
         else:
             run(blend_columns, len(runs), (columns.beside(level.step), *arguments), tile=TILE)
         spare = None if is_kept else image
         image, mask, is_kept = after, next_mask, on_tape
         if spare is not None and ahead is not None and ahead.chosen is not level.chosen:
-            run(copy_runs, len(level.runs), (level.runs, _array(image), _array(spare)), tile=TILE)
+            run(copy_runs, len(level.runs), (level.runs, array_of(image), array_of(spare)), tile=TILE)
     return Blended(image if levels else image.clone(), torch.from_numpy(known > 0), mask, tape)
 
 
@@ -229,10 +231,10 @@ def return_gradients(
     light = inputs.radiance.new_empty(1, 4, *inputs.radiance.shape[2:])
     planes = [light.new_empty(1, 3, *light.shape[2:]) for _ in range(2)]  # most often nobody writes there
     scratch = Shares(light, planes[0], differ=False)
-    radiance = torch.from_numpy(_copy(gradient))
-    mask = _zeros(inputs.mask.shape) if mask_gradient is None else torch.from_numpy(_copy(mask_gradient))
-    normal, position = (_zeros(radiance.shape if everything else (len(radiance), 0, 1, 1)) for _ in range(2))
-    factors = None if inputs.factors is None else _zeros(radiance.shape)
+    radiance = torch.from_numpy(copied(gradient))
+    mask = zeros(inputs.mask.shape) if mask_gradient is None else torch.from_numpy(copied(mask_gradient))
+    normal, position = (zeros(radiance.shape if everything else (len(radiance), 0, 1, 1)) for _ in range(2))
+    factors = None if inputs.factors is None else zeros(radiance.shape)
     widths, taps = np.zeros((len(inputs.steps), 3)), np.zeros((len(inputs.steps), 25))
     for view in range(len(radiance)):
         part = slice(view, view + 1)
@@ -269,24 +271,24 @@ def _walk_back(
 ) -> None:
     """Adds the gradients of one view, whose radiance after all passes is ``image``."""
     passes, guides = inputs.arrays()
-    light, gradients = _array(scratch.light), Gradients(*map(_array, sums))
+    light, gradients = array_of(scratch.light), Gradients(*map(array_of, sums))
     no_factors = np.empty((0, 3, 1, 1), np.float32)
     levels = list(_levels(inputs, columns))
     is_ours = False  # the image: to be written to
     for number in reversed(range(len(levels))):
-        level, own = levels[number], _array(tape[number])
+        level, own = levels[number], array_of(tape[number])
         last = number + 1 == len(levels)
         if not level.is_whole and (last or levels[number + 1].chosen is not level.chosen):
-            _array(scratch.light).fill(0)
+            array_of(scratch.light).fill(0)
         if not level.is_whole and not is_ours:
-            image, is_ours = torch.from_numpy(_copy(image[:, :3])), True
+            image, is_ours = torch.from_numpy(copied(image[:, :3])), True
         runs, unknown = level.runs, np.zeros(len(level.runs), np.bool_)
         fills = inputs.fill and everything
         run(
             prepare_runs,
             len(runs),
             (
-                runs, passes, guides, _array(image), gradients.image, gradients.mask, fills, own, not level.is_whole,
+                runs, passes, guides, array_of(image), gradients.image, gradients.mask, fills, own, not level.is_whole,
                 light, unknown,
             ),
             tile=TILE,
@@ -297,15 +299,15 @@ def _walk_back(
         differ = several or bool(unknown.any())  # widths, or kernels are wanted, which costs as much
         if differ:
             if not level.is_whole:
-                _array(scratch.scales).fill(0)
-            run(scale_runs, len(runs), (runs, passes, guides, own, _array(scratch.scales)), tile=TILE)
+                array_of(scratch.scales).fill(0)
+            run(scale_runs, len(runs), (runs, passes, guides, own, array_of(scratch.scales)), tile=TILE)
         mask = tape[number, :, 4:].contiguous() if inputs.fill else inputs.mask
-        shares = Shares(light, _array(scratch.scales), differ)
-        arguments = passes, guides, _array(image), _array(mask), shares, everything, gradients
+        shares = Shares(light, array_of(scratch.scales), differ)
+        arguments = passes, guides, array_of(image), array_of(mask), shares, everything, gradients
         run_widths, run_taps = _gather(level, columns, image.shape[2], arguments)
         if differ:
             differing = np.zeros((len(runs), 3))
-            arrays = gradients.widths, no_factors if factors is None else _array(factors)
+            arrays = gradients.widths, no_factors if factors is None else array_of(factors)
             run(reduce_runs, len(runs), (runs, passes, guides, own, *arrays, differing), tile=TILE)
             np.add.at(widths, runs[:, 3], differing)
             taps[level.members[0]] += run_taps.sum(0)
@@ -322,7 +324,7 @@ def _gather(
         reached = in_order(runs_of(spread(level.chosen, level.step, rows), number), level.step, rows)
         sums = np.zeros((len(reached), 3)), np.zeros((len(reached), 25))
         scratch = scratch_to_gather(level.chosen.shape[1], level.step)
-        tile, gather = _tile(reached), _with_scratch(gather_runs, scratch)
+        tile, gather = runs_of_rows(TILE, reached), with_scratch(gather_runs, scratch)
         run(gather, len(reached), (reached, level.step, *arguments, *sums), tile=tile)
         return sums
     pairs, offsets = columns.pairs(level.step, np.asarray(level.chosen.any(1)))
@@ -359,7 +361,7 @@ def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
     views, _, height, width = inputs.radiance.shape
     marks = np.ones((views * height, -(-width // WIDTH)), np.int32)
     if inputs.region is not None:
-        labels = _array(inputs.region).reshape(-1, width)
+        labels = array_of(inputs.region).reshape(-1, width)
         run(mark_blocks, len(labels), (labels, marks), tile=64)
     found: dict[tuple[int, ...], Any] = {}
     unlabelled = inputs.region is None if columns is None else columns.whole
@@ -373,40 +375,3 @@ def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
         runs = np.concatenate([np.add(each, [0, 0, 0, number]) for each, number in zip(own_runs, members, strict=True)])
         is_whole = unlabelled and labels_ == (0,)
         yield _Level(inputs.steps[members[0]], members, chosen, runs.astype(np.int32), is_whole)
-
-
-def _tile(runs: NDArray[np.int32]) -> int:
-    """How many runs a thread takes at a time, that its rows lie beside each other: some have several runs."""
-    rows = 1 + np.count_nonzero(np.diff(runs[:, [0, 3]], axis=0).any(1))
-    return -(-TILE * len(runs) // rows)
-
-
-def _with_scratch(kernel: Callable[..., object], count: int) -> Callable[..., None]:
-    """The kernel, with memory of the thread that calls it for a last argument."""
-
-    def call(start: int, stop: int, *arguments: Any) -> None:
-        kernel(start, stop, *arguments, floats_of_thread(count))
-
-    return call
-
-
-def _copy_to(target: Tensor, image: Tensor) -> None:
-    """Copies an image, on all threads."""
-    views, _, rows, width = target.shape
-    runs = np.zeros((views * rows, 4), np.int32)
-    runs[:, 0], runs[:, 2] = np.arange(len(runs)), -(-width // WIDTH)
-    run(copy_runs, len(runs), (runs, _array(image), _array(target)), tile=TILE)
-
-
-# Between kernels, arrays are filled and copied by NumPy, on one thread: torch would wake threads for it that stay awake
-# for a while, and take the cores from the kernels.
-def _copy(tensor: Tensor) -> NDArray[np.float32]:
-    return np.array(tensor.detach().numpy(), np.float32, order="C")
-
-
-def _zeros(shape: Sequence[int]) -> Tensor:
-    return torch.from_numpy(np.zeros(tuple(shape), np.float32))
-
-
-def _array(tensor: Tensor) -> Any:
-    return tensor.detach().contiguous().numpy()

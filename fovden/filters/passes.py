@@ -185,8 +185,8 @@ def paste(region: Tensor, new: State, old: State) -> State:
         >>> paste(torch.tensor([[[[True, False]]]]), two, one).image[0, 0]
         tensor([[2., 1.]])
     """
-    pairs = zip(new._replace(known=new.has_value()), old._replace(known=old.has_value()), strict=True)
-    return State(*(torch.where(region, inside, outside) for inside, outside in pairs))
+    inside, outside = ((each.image, each.mask, each.has_value(), each.first) for each in (new, old))
+    return State(*(torch.where(region, a, b) for a, b in zip(inside, outside, strict=True)))
 
 
 def scale_widths(sigmas: Sigmas, factors: Tensor | None) -> Sigmas:

@@ -50,8 +50,8 @@ def gather_plain(
 ) -> None:  # fmt: skip
     """Adds what a row of five taps hands back to a block's sums, or the two to the right, one pixel after the other.
 
-    The formulas of the module's docstring, but for a factor of 2 ln 2, which comes when they are handed back. ``widths``
-    receive T e, of both pixels of a pair; ``kept`` receives the powers and T, ``apart`` from each other.
+    The formulas of the module's docstring, but for a factor of 2 ln 2, which comes when they are handed back.
+    ``widths`` receive T e, of both pixels of a pair; ``kept`` receives the powers and T, ``apart`` from each other.
     """
     squares, changes = stack_floats(3), stack_floats(3)
     for number in range(count):

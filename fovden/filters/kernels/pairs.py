@@ -75,7 +75,7 @@ def slot_in(kept: Kept, order: Int) -> Int:
 
 @inlined
 def begin_row(kept: Kept, order: Int, name: Int) -> None:
-    """Makes room for a row, unless it is the one that is there; ``name`` tells the rows of all passes and views apart."""
+    """Makes room for a row, unless it has some; ``name`` tells the rows of all passes and views apart."""
     slot = order % KEPT_ROWS
     if kept.rows[slot] != name:
         kept.rows[slot] = name

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from fovden.filters.kernels.back import BLOCK_SUMS, LIGHT, SCALES, TAP_SUMS, Gradients, hand_back
+from fovden.filters.kernels.back import BLOCK_SUMS, TAP_SUMS, Gradients, hand_back
 from fovden.filters.kernels.blend import MASK, NORMAL, POSITION, Guides, Passes, View, view_of
 from fovden.filters.kernels.columns import BACK, FORTH, aligned, clear_strip, find_rows, read_strip
 from fovden.filters.kernels.gather import gather_differing, gather_row
+from fovden.filters.kernels.gather_rows import LIGHT, SCALES
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.filters.kernels.pairs import SCRAP
 from fovden.filters.kernels.polar import Desk, desk_for, read_guides

@@ -33,6 +33,12 @@ def runs_of(chosen: NDArray[np.bool_], number: int) -> NDArray[np.int32]:
     return np.stack([row, first, end, np.full_like(row, number)], axis=1).astype(np.int32)
 
 
+def runs_of_rows(rows: int, runs: NDArray[np.int32]) -> int:
+    """How many runs some rows have that lie beside each other; a ring has two in most of its rows."""
+    passed = 1 + int(np.count_nonzero(np.diff(runs[:, [0, 3]], axis=0).any(1)))
+    return max(1, -(-rows * len(runs) // passed))
+
+
 def spread(chosen: NDArray[np.bool_], step: int, rows: int) -> NDArray[np.bool_]:
     """The blocks that have one of the chosen as a tap; views have ``rows`` rows each."""
     views = chosen.reshape(-1, rows, chosen.shape[1])

@@ -34,7 +34,7 @@ class Shares(NamedTuple):
 
 
 class Read(NamedTuple):
-    """Pointers to the first channels of what a pass has read and of what it hands back; channels lie ``plane`` apart."""
+    """Pointers to the first channels of what a pass has read and hands back; channels lie ``plane`` apart."""
 
     image: Any
     normal: Any

@@ -1,0 +1,219 @@
+"""The gathering of gradients on the screen, row by row; :mod:`fovden.filters.kernels.gather` has the formulas."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fovden.filters.kernels.back import BLOCK_SUMS, TAP_SUMS, Gradients, hand_back
+from fovden.filters.kernels.blend import (
+    CHANNELS,
+    MASK,
+    NORMAL,
+    ONE,
+    POSITION,
+    Guides,
+    Passes,
+    View,
+    view_of,
+)
+from fovden.filters.kernels.blend_rows import ask_for, copy_pixels
+from fovden.filters.kernels.columns import aligned
+from fovden.filters.kernels.gather import (
+    NUMBERS,
+    gather_beside,
+    gather_differing,
+    gather_kept,
+    gather_left,
+    gather_own,
+    gather_row,
+)
+from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.pairs import (
+    AFTER_NEXT,
+    KEPT_ROWS,
+    NEXT,
+    Kept,
+    begin_row,
+    floats_to_keep,
+    is_ready,
+    kept_for,
+    slot_in,
+)
+from fovden.filters.kernels.rows import (
+    SLOTS,
+    Rows,
+    copy_row,
+    extent_of,
+    floats_for,
+    is_new,
+    reach_of,
+    rows_for,
+    slot_of,
+)
+from fovden.filters.kernels.shares import SUMS, WIDTHS, Read, Shares
+from fovden.filters.kernels.weigh import ZERO
+from fovden.jit import Int, inlined, kernel
+from fovden.simd import advanced, pointer_to, prefetch, stack_floats, stack_words
+
+BLOCKS = 16  # blocks that a row of taps is gathered from before the next row
+ALL_SUMS = BLOCKS * BLOCK_SUMS
+LIGHT, SCALES = CHANNELS, CHANNELS + 4  # of rows, after those on the way forth
+
+
+def scratch_to_gather(blocks: int, step: int) -> int:
+    """How many numbers a thread needs of its own for rows of some blocks."""
+    return floats_for(blocks, step, SCALES + 3) + floats_to_keep(blocks, step, NUMBERS)
+
+
+@inlined
+def read_from(rows: Rows) -> Read:
+    """The channels of the rows before a thread."""
+    base, apart = rows.floats, rows.apart
+    return Read(
+        base, advanced(base, NORMAL * apart), advanced(base, POSITION * apart), advanced(base, MASK * apart),
+        advanced(base, LIGHT * apart), advanced(base, SCALES * apart), apart,
+    )  # fmt: skip
+
+
+@inlined
+def gather_five(
+    rows: Rows, kept: Kept, places: Any, j: Int, block: Int, order: Int, y: Int, differ: bool, everything: bool,
+    inverse: Any, taps: Any, sums: Any, tap_sums: Any,
+) -> None:  # fmt: skip
+    """Gathers from the j-th of five rows of taps, at ``places``, with what it has kept for the block if it has."""
+    read, apart, x, step = read_from(rows), rows.apart, block * WIDTH - rows.left, rows.step
+    at, tap, away, reach = places[2] + x, places[j] + x, j - 2, reach_of(step)
+    row_taps, widths, lines = advanced(taps, 5 * j), advanced(sums, SUMS), advanced(kept.floats, x)
+    if differ:
+        back, row_sums = advanced(taps, 20 - 5 * j), advanced(tap_sums, 5 * WIDTH * j)
+        gather_differing(read, at, tap, step, row_taps, back, sums, widths, row_sums)
+    elif j == 2:
+        own = advanced(lines, slot_in(kept, order))
+        gather_own(read, at, row_taps, sums)
+        if is_ready(kept, order, y, block - reach, block):
+            gather_left(read, everything, at, step, inverse, sums, own, apart)
+        else:
+            scrap = stack_floats(WIDTHS)
+            gather_beside(read, everything, at, -step, inverse, row_taps, sums, scrap, kept.scrap, WIDTH)
+    elif j < 2 and is_ready(kept, order + away, y + away * step, block - reach, block + reach):
+        its = advanced(lines, slot_in(kept, order + away) + NUMBERS * (AFTER_NEXT if j == 0 else NEXT) * apart)
+        gather_kept(read, everything, at, tap, step, inverse, sums, its, apart)
+    else:
+        own, between, its_widths = kept.scrap, np.int64(WIDTH), stack_floats(WIDTHS)
+        if j > 2:
+            line = NUMBERS * (NEXT if j == 3 else AFTER_NEXT)
+            own, between, its_widths = advanced(lines, slot_in(kept, order) + line * apart), apart, widths
+        gather_row(read, everything, at, tap, step, inverse, row_taps, sums, its_widths, own, between)
+
+
+@inlined
+def copy_shares(view: View, shares: Shares, rows: Rows, y: Int) -> None:
+    """Copies what a row of taps is asked for on the way back."""
+    copy_pixels(view, rows, y)
+    copy_row(pointer_to(shares.light), view.plane, 4, y, view.width, rows, LIGHT)
+    if shares.differ:
+        copy_row(pointer_to(shares.scales), view.plane, 3, y, view.width, rows, SCALES)
+
+
+@kernel
+def gather_runs(
+    start: Int,
+    stop: Int,
+    runs: Any,
+    step: Int,
+    passes: Passes,
+    guides: Guides,
+    image: Any,
+    mask: Any,
+    shares: Shares,
+    everything: bool,
+    gradients: Gradients,
+    width_sums: Any,
+    tap_sums: Any,
+    scratch: Any,
+) -> None:
+    """Gathers gradients in the blocks of the runs start .. stop - 1, which hold all that a pass has read.
+
+    Args:
+        start: First run.
+        stop: End of the runs.
+        runs: Row, first block, end of the blocks and number of the pass, (n, 4), of a single view and pass; in the
+            order of :func:`fovden.filters.kernels.rows.in_order`.
+        step: Distance between taps.
+        passes: The passes.
+        guides: What else was looked at, of that view.
+        image: Its radiance before the pass, (1, 3 or more, h, w).
+        mask: Weights of the taps, (1, 1, h, w).
+        shares: What the pass's pixels hand back.
+        everything: Whether the gradients of normal, position and mask are wanted too.
+        gradients: Receives the gradients.
+        width_sums: Where all pixels share their widths, receives each run's sums for these, float64, (n, 3).
+        tap_sums: Where they do not, receives for each run and tap the sum of weight times its gradient, (n, 25).
+        scratch: As many numbers as :func:`scratch_to_gather` says, which no other thread uses.
+    """
+    if start == stop:
+        return
+    all_sums, run_taps, run_widths = stack_floats(ALL_SUMS), stack_floats(TAP_SUMS), stack_floats(WIDTHS)
+    places, differ = stack_words(SLOTS), shares.differ
+    leftmost, rightmost = extent_of(runs, start, stop)
+    channels: Int = SCALES + 3 if differ else SCALES
+    floats = pointer_to(aligned(scratch))
+    rows = rows_for(floats, channels, leftmost, rightmost, step)
+    blocks = -(-image.shape[3] // WIDTH)
+    kept = kept_for(advanced(floats, SLOTS * channels * rows.apart), NUMBERS, rightmost, rows, blocks)
+    view, light = view_of(0, image, mask, mask, guides), pointer_to(shares.light)
+    for run in range(start, stop):
+        y, number = np.int64(runs[run, 0]), np.int64(runs[run, 3])
+        first, end, order = np.int64(runs[run, 1]), np.int64(runs[run, 2]), y // step
+        width, plane = view.width, view.plane
+        inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
+        for k in range(TAP_SUMS):
+            run_taps[k] = ZERO
+        for k in range(WIDTHS):
+            run_widths[k] = ZERO
+        begin_row(kept, order, y)
+        for j in range(5):
+            v = y + (j - 2) * step
+            places[j] = slot_of(rows, v)
+            if 0 <= v < view.height and is_new(rows, v, v):
+                copy_shares(view, shares, rows, v)
+        for left in range(first, end, BLOCKS):
+            count: Int = min(BLOCKS, end - left)
+            for k in range(count * BLOCK_SUMS):
+                all_sums[k] = ZERO
+            for block in range(count):
+                x, sums = (left + block) * WIDTH, advanced(all_sums, BLOCK_SUMS * block)
+                if y + 3 * step < view.height:
+                    soon = (y + 3 * step) * width + x
+                    ask_for(view, soon)
+                    for k in range(4):
+                        prefetch(light, soon + k * plane)
+                if not differ:
+                    lines = advanced(kept.floats, slot_in(kept, order) + x - rows.left)
+                    gather_beside(
+                        read_from(rows), everything, places[2] + x - rows.left, step, inverse, advanced(taps, 10), sums,
+                        advanced(sums, SUMS), lines, rows.apart,
+                    )  # fmt: skip
+                    kept.ready[order % KEPT_ROWS * kept.blocks + left + block] = ONE
+            for j in range(5):
+                if not 0 <= y + (j - 2) * step < view.height:
+                    continue
+                for block in range(count):
+                    gather_five(
+                        rows, kept, places, j, left + block, order, y, differ, everything, inverse, taps,
+                        advanced(all_sums, BLOCK_SUMS * block), run_taps,
+                    )  # fmt: skip
+            for block in range(count):
+                x, sums = (left + block) * WIDTH, advanced(all_sums, BLOCK_SUMS * block)
+                hand_back(sums, differ, everything, plane, y * width + x, x, width, gradients)
+                for k in range(WIDTHS):
+                    run_widths[k] += sums[SUMS + k]
+        for lane in range(WIDTH):
+            if differ:
+                for tap in range(25):
+                    tap_sums[run, tap] += run_taps[tap * WIDTH + lane]
+            else:
+                for g in range(3):
+                    width_sums[run, g] -= run_widths[g * WIDTH + lane]
