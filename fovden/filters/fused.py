@@ -176,7 +176,7 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
         elif spare is not None:
             after = spare
         else:
-            after = zeros_on_large_pages(*inputs.radiance.shape)
+            after = torch.empty_like(inputs.radiance, memory_format=torch.contiguous_format)
             if not level.is_whole:
                 copy_to(after, image)
         next_mask = torch.from_numpy(copied(mask)) if inputs.fill else mask
