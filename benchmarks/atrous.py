@@ -10,7 +10,8 @@ that it likes best, and answers through its public call. Peers:
 - ``opencv``: ``jointBilateralFilter``, a disc of 29 taps of 7 x 7, one guide of three channels.
 
 The last two filter something else, and are compared by pixels and taps per second. The share of the processor's peak
-counts 56 operations a tap, against multiplications and additions that wait for nothing, measured in the same run.
+counts 56 operations a tap, though a pair of pixels needs the most of them once, against multiplications and additions
+that wait for nothing, measured in the same run.
 
     python -m benchmarks.atrous
     python -m benchmarks.atrous --resolution 270 240 --quick
