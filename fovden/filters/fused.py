@@ -1,8 +1,9 @@
 """A stack of à-trous passes on compiled kernels, forwards and backwards: float32, on the CPU.
 
-The kernels read tensors where they are: nothing is packed or padded. A pass works on runs of blocks of sixteen pixels
-that hold a label, so it costs what it covers. Passes of one level, on different labels, read the same image. What the
-way back needs goes on tape while a pass writes: the pixels' old values and the sums of their weights.
+The kernels take tensors as they are; a thread copies for itself the rows that it looks at. A pass works on runs of
+blocks of sixteen pixels that hold a label, so it costs what it covers. Passes of one level, on different labels, read
+the same image. What the way back needs goes on tape while a pass writes: the sums of the pixels' weights, and their old
+values, which the pass before has written there where all passes work on the whole image.
 """
 
 from __future__ import annotations
@@ -18,12 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fovden.filters._arrays import array_of, copied, copy_to, with_scratch, zeros
-from fovden.filters.kernels.back import (
-    Gradients,
-    prepare_runs,
-    reduce_runs,
-    scale_runs,
-)
+from fovden.filters.kernels.back import Gradients, prepare_runs, reduce_runs, scale_runs
 from fovden.filters.kernels.blend import Guides, Passes
 from fovden.filters.kernels.blend_rows import blend_runs, scratch_for
 from fovden.filters.kernels.columns import Columns
@@ -41,7 +37,7 @@ from fovden.parallel import run
 __all__ = ["Blended", "Inputs", "Returned", "blend_stack", "return_gradients"]
 
 TILE = 32
-"""Rows that a thread takes at a time, of some ten microseconds each. The first two weigh their taps themselves."""
+"""Rows that a thread takes at a time, of some ten microseconds each. The first two find nothing kept for them."""
 
 COLUMNS_TILE = 4
 """Columns on the way back: those at the borders of a polar raster have been read by many."""
@@ -374,4 +370,7 @@ def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
         chosen, own_runs = found[labels_]
         runs = np.concatenate([np.add(each, [0, 0, 0, number]) for each, number in zip(own_runs, members, strict=True)])
         is_whole = unlabelled and labels_ == (0,)
-        yield _Level(inputs.steps[members[0]], members, chosen, runs.astype(np.int32), is_whole)
+        step = inputs.steps[members[0]]
+        if columns is None:
+            step = min(step, max(height, width))  # further away is nothing, either, and threads make room for it
+        yield _Level(step, members, chosen, runs.astype(np.int32), is_whole)

@@ -222,13 +222,8 @@ def _compose(
         Pass(step, Sigmas(own[0], own[1] / step, own[2]), label, level, None if kernels is None else kernels[number])
         for number, (own, step, label, level) in enumerate(zip(widths.unbind(), steps, labels, levels, strict=True))
     ]
-    known, factors, heights = (tensors[name] for name in ("known", "factors", "heights"))
-    state = State(
-        tensors["radiance"],
-        tensors["mask"],
-        known,
-        tensors["radiance"],
-    )
+    factors, heights = tensors["factors"], tensors["heights"]
+    state = State(tensors["radiance"], tensors["mask"], tensors["known"], tensors["radiance"])
     topology = None if heights is None else Topology(heights, tensors["mask"].shape[2], rotate)
     outcome = compose(
         state, tensors["normal"], tensors["position"], passes, region=tensors["region"],
@@ -272,8 +267,8 @@ def run_passes(
         The state after.
 
     Differentiable: in image, mask, guides, widths, kernels and factors, twice.
-    Fused, five passes over two views of 960 x 1080 pixels keep 166 MB for the way back, and nothing where no gradient
-    is wanted.
+    Fused, five passes over two views of 960 x 1080 pixels keep up to 166 MB for the way back, and nothing where no
+    gradient is wanted.
 
     Example:
         >>> from fovden.filters.passes import begin

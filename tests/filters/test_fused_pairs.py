@@ -1,6 +1,7 @@
 """What pairs of pixels keep for each other is what each of them would have found itself, to the bit."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,10 +83,15 @@ def test_a_kernel_that_is_not_symmetric_is_not_taken_from_the_other_side():
     turned = torch.flip(blend_stack(flat).image, (2, 3))
     names = "radiance", "normal", "position", "mask", "known"
     planes = {name: torch.flip(getattr(flat, name), (2, 3)).contiguous() for name in names}
-    other = Inputs(**{**vars(flat), **planes, "kernels": torch.flip(lopsided, (1, 2)).contiguous()})
+    other = replace(flat, **planes, kernels=torch.flip(lopsided, (1, 2)).contiguous())
     torch.testing.assert_close(blend_stack(other).image, turned, rtol=2e-6, atol=2e-6)
-    same = Inputs(**{**vars(flat), **planes})
-    assert not torch.allclose(blend_stack(same).image, turned, atol=1e-3)
+    assert not torch.allclose(blend_stack(replace(flat, **planes)).image, turned, atol=1e-3)
+
+
+def test_steps_beyond_the_image_need_no_room():
+    far, further = (replace(inputs_of(), steps=(step, step, step)) for step in (85, 10**9))
+    assert all(torch.equal(one, same) for one, same in zip(outcome(far), outcome(further), strict=True))
+    torch.testing.assert_close(blend_stack(further).image, further.radiance)
 
 
 def test_each_thread_has_memory_of_its_own():

@@ -16,18 +16,17 @@ from numba.extending import intrinsic
 from fovden.filters.kernels.blend import (
     BYTES,
     LOG2_E,
+    MASK,
+    NORMAL,
     ONE,
+    POSITION,
     SMALLEST_TOTAL,
     YES,
     Guides,
     Passes,
 )
-from fovden.filters.kernels.lanes import WIDTH, have_label, in_row, masked_load, masked_store
-from fovden.filters.kernels.shares import MASK as MASK_SUM
-from fovden.filters.kernels.shares import NORMAL as NORMAL_SUM
-from fovden.filters.kernels.shares import POSITION as POSITION_SUM
-from fovden.filters.kernels.shares import SUMS, WIDTHS
-from fovden.filters.kernels.weigh import WORD, ZERO
+from fovden.filters.kernels.lanes import WIDTH, WORD, ZERO, have_label, in_row, masked_load, masked_store
+from fovden.filters.kernels.shares import SUMS
 from fovden.jit import Int, inlined, kernel, vectorised
 from fovden.simd import (
     FLOATS,
@@ -42,7 +41,6 @@ from fovden.simd import (
     splat,
 )
 
-BLOCK_SUMS = SUMS + WIDTHS
 TAP_SUMS = 25 * WIDTH
 TWICE_LN_2 = np.float32(2 * 0.6931471805599453)
 
@@ -241,11 +239,11 @@ def hand_back(
         place = advanced(sums, SUMS)
         add_block(place, -ONE, 3, plane, at, x, width, pointer_to(gradients.widths), False)
     if everything:
-        place = advanced(sums, NORMAL_SUM * WIDTH)
+        place = advanced(sums, NORMAL * WIDTH)
         add_block(place, TWICE_LN_2, 3, plane, at, x, width, pointer_to(gradients.normal), True)
-        place = advanced(sums, POSITION_SUM * WIDTH)
+        place = advanced(sums, POSITION * WIDTH)
         add_block(place, TWICE_LN_2, 3, plane, at, x, width, pointer_to(gradients.position), True)
-        place = advanced(sums, MASK_SUM * WIDTH)
+        place = advanced(sums, MASK * WIDTH)
         add_block(place, ONE, 1, plane, at, x, width, pointer_to(gradients.mask), True)
 
 

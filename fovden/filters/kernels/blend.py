@@ -13,8 +13,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from fovden.filters.kernels.lanes import WIDTH, have_label, in_row, masked_load, masked_store, number_at
-from fovden.filters.kernels.weigh import WORD, ZERO
+from fovden.filters.kernels.lanes import WIDTH, WORD, ZERO, have_label, in_row, masked_load, masked_store, number_at
 from fovden.jit import Int, inlined, vectorised
 from fovden.simd import FLOATS, I64, Lanes, advanced, load, pointer_to, store
 
@@ -27,7 +26,7 @@ LOG2_E = np.float32(1.4426950408889634)
 SMALLEST_TOTAL = np.float32(1e-20)
 ONE = np.float32(1.0)
 
-NORMAL, POSITION, MASK, CHANNELS = 3, 6, 9, 10  # of rows; radiance comes first
+NORMAL, POSITION, MASK, CHANNELS = 3, 6, 9, 10  # the order of what taps are asked for; radiance comes first
 
 BYTES = types.CPointer(types.uint8)
 YES = types.boolean

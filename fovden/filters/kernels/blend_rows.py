@@ -29,7 +29,7 @@ from fovden.filters.kernels.blend import (
     view_of,
 )
 from fovden.filters.kernels.columns import aligned
-from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.lanes import WIDTH, ZERO
 from fovden.filters.kernels.pairs import (
     AFTER_NEXT,
     KEPT_ROWS,
@@ -52,7 +52,7 @@ from fovden.filters.kernels.rows import (
     rows_for,
     slot_of,
 )
-from fovden.filters.kernels.weigh import ZERO, add_kept, add_kept_beside, add_taps, weigh_beside
+from fovden.filters.kernels.weigh import add_kept, add_kept_beside, add_taps, weigh_beside
 from fovden.jit import Int, inlined, kernel
 from fovden.simd import advanced, pointer_to, prefetch, stack_floats, stack_words
 

@@ -8,9 +8,10 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from fovden.filters.kernels.lanes import WIDTH, exp2, number_at
-from fovden.filters.kernels.shares import GATHERED, HALF_LOG2_E, LOG2_E, MASK, NORMAL
-from fovden.filters.kernels.weigh import WORD, line_at, read
+from fovden.filters.kernels.blend import CHANNELS, LOG2_E, MASK, NORMAL
+from fovden.filters.kernels.lanes import WIDTH, WORD, exp2, line_at, number_at, read
+from fovden.filters.kernels.pairs import line_of
+from fovden.filters.kernels.shares import HALF_LOG2_E
 from fovden.simd import FLOATS, I64, Lanes, fused, load, store
 
 
@@ -49,7 +50,7 @@ def _gather_taps(shifts: tuple[int, ...], everything: bool) -> Any:
             here = [read(builder, guide, at, plane) for guide in guides]
             own_light, own_weight = read(builder, light, at, plane, 4), load(builder, weight, at, WIDTH, align=4)
             scale = [number_at(builder, inverse, k) * -float(LOG2_E) for k in range(3)]
-            count = GATHERED if everything else NORMAL
+            count = CHANNELS if everything else NORMAL
             total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(count)]
             width = [load(builder, widths, k * WIDTH, WIDTH) for k in range(3)]
             for number, i in enumerate(shifts):
@@ -98,11 +99,11 @@ def _gather_kept(shifts: tuple[int, ...], everything: bool) -> Any:
             here = [read(builder, guide, at, plane) for guide in guides]
             own_weight = load(builder, weight, at, WIDTH, align=4)
             scale = [number_at(builder, inverse, k) * -float(LOG2_E) for k in range(len(guides))]
-            count = GATHERED if everything else NORMAL
+            count = CHANNELS if everything else NORMAL
             total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(count)]
             for i in shifts:
                 shift = builder.mul(step, ir.Constant(I64, i))
-                place, line = builder.add(tap, shift), line_of(i, len(shifts))
+                place, line = builder.add(tap, shift), line_of(i, beside=len(shifts) == 2)
                 power = load(builder, line_at(builder, kept, apart, line), shift, WIDTH, align=4)
                 both = load(builder, line_at(builder, kept, apart, len(shifts) + line), shift, WIDTH, align=4)
                 d = _differences(here, [read(builder, guide, place, plane) for guide in guides])
@@ -118,11 +119,6 @@ def _gather_kept(shifts: tuple[int, ...], everything: bool) -> Any:
         return types.none(*[FLOATS] * 5, *[WORD] * 4, *[FLOATS] * 3, WORD), generate
 
     return gather
-
-
-def line_of(i: int, count: int) -> int:
-    """In which line the tap i of five, or of the two to the left, has kept its power: there, it is the other way."""
-    return 2 - i if count == 5 else -i - 1
 
 
 @intrinsic
@@ -158,7 +154,7 @@ def gather_differing_vector(
         here = [read(builder, guide, at, plane) for guide in guides]
         own_light, own_weight = read(builder, light, at, plane, 4), load(builder, weight, at, WIDTH, align=4)
         own_scale = read(builder, scales, at, plane)
-        total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(GATHERED)]
+        total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(CHANNELS)]
         width = [load(builder, widths, k * WIDTH, WIDTH) for k in range(3)]
         for i in range(5):
             place = builder.add(tap, builder.mul(step, ir.Constant(I64, i - 2)))
@@ -179,7 +175,7 @@ def gather_differing_vector(
                 width[g] = fused(pulled, squares[g], width[g])
             total[MASK] = fused(power_back, back_light, total[MASK])
             store(builder, load(builder, tap_sums, i * WIDTH, WIDTH) + pulled, tap_sums, i * WIDTH)
-        for k in range(GATHERED):
+        for k in range(CHANNELS):
             store(builder, total[k], sums, k * WIDTH)
         for k in range(3):
             store(builder, width[k], widths, k * WIDTH)
@@ -188,8 +184,8 @@ def gather_differing_vector(
     return types.none(*[FLOATS] * 6, *[WORD] * 4, *[FLOATS] * 5), generate
 
 
-ROW, BESIDE_, BEFORE = (-2, -1, 0, 1, 2), (1, 2), (-2, -1)
+ROW, RIGHT, LEFT = (-2, -1, 0, 1, 2), (1, 2), (-2, -1)
 gather_row_light, gather_row_all = (_gather_taps(ROW, everything) for everything in (False, True))
-gather_beside_light, gather_beside_all = (_gather_taps(BESIDE_, everything) for everything in (False, True))
+gather_beside_light, gather_beside_all = (_gather_taps(RIGHT, everything) for everything in (False, True))
 gather_kept_light, gather_kept_all = (_gather_kept(ROW, everything) for everything in (False, True))
-gather_left_light, gather_left_all = (_gather_kept(BEFORE, everything) for everything in (False, True))
+gather_left_light, gather_left_all = (_gather_kept(LEFT, everything) for everything in (False, True))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from fovden.filters.kernels.lanes import WIDTH, exp2_plain
-from fovden.filters.kernels.shares import HALF_LOG2_E, LOG2_E, MASK, Read
-from fovden.filters.kernels.weigh import ZERO
+from fovden.filters.kernels.blend import LOG2_E, MASK
+from fovden.filters.kernels.lanes import WIDTH, ZERO, exp2_plain
+from fovden.filters.kernels.pairs import line_of_plain
+from fovden.filters.kernels.shares import HALF_LOG2_E, Read
 from fovden.jit import Int, inlined
 from fovden.simd import stack_floats
 
@@ -81,7 +82,7 @@ def gather_kept_plain(
     changes = stack_floats(3)
     for number in range(count):
         i = number - 2
-        line = 2 - i if count == 5 else -i - 1
+        line = line_of_plain(i, count == 2)
         for lane in range(WIDTH):
             a, b, place = at + lane, tap + lane + i * step, line * apart + i * step + lane
             power, both = kept[place], kept[place + count * apart]

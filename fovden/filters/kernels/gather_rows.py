@@ -6,18 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fovden.filters.kernels.back import BLOCK_SUMS, TAP_SUMS, Gradients, hand_back
-from fovden.filters.kernels.blend import (
-    CHANNELS,
-    MASK,
-    NORMAL,
-    ONE,
-    POSITION,
-    Guides,
-    Passes,
-    View,
-    view_of,
-)
+from fovden.filters.kernels.back import TAP_SUMS, Gradients, hand_back
+from fovden.filters.kernels.blend import ONE, Guides, Passes, View, view_of
 from fovden.filters.kernels.blend_rows import ask_for, copy_pixels
 from fovden.filters.kernels.columns import aligned
 from fovden.filters.kernels.gather import (
@@ -29,7 +19,7 @@ from fovden.filters.kernels.gather import (
     gather_own,
     gather_row,
 )
-from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.lanes import WIDTH, ZERO
 from fovden.filters.kernels.pairs import (
     AFTER_NEXT,
     KEPT_ROWS,
@@ -52,29 +42,26 @@ from fovden.filters.kernels.rows import (
     rows_for,
     slot_of,
 )
-from fovden.filters.kernels.shares import SUMS, WIDTHS, Read, Shares
-from fovden.filters.kernels.weigh import ZERO
+from fovden.filters.kernels.shares import (
+    ALL_CHANNELS,
+    BLOCK_SUMS,
+    LIGHT,
+    SCALES,
+    SUMS,
+    WIDTHS,
+    Shares,
+    read_from,
+)
 from fovden.jit import Int, inlined, kernel
 from fovden.simd import advanced, pointer_to, prefetch, stack_floats, stack_words
 
 BLOCKS = 16  # blocks that a row of taps is gathered from before the next row
 ALL_SUMS = BLOCKS * BLOCK_SUMS
-LIGHT, SCALES = CHANNELS, CHANNELS + 4  # of rows, after those on the way forth
 
 
 def scratch_to_gather(blocks: int, step: int) -> int:
     """How many numbers a thread needs of its own for rows of some blocks."""
-    return floats_for(blocks, step, SCALES + 3) + floats_to_keep(blocks, step, NUMBERS)
-
-
-@inlined
-def read_from(rows: Rows) -> Read:
-    """The channels of the rows before a thread."""
-    base, apart = rows.floats, rows.apart
-    return Read(
-        base, advanced(base, NORMAL * apart), advanced(base, POSITION * apart), advanced(base, MASK * apart),
-        advanced(base, LIGHT * apart), advanced(base, SCALES * apart), apart,
-    )  # fmt: skip
+    return floats_for(blocks, step, ALL_CHANNELS) + floats_to_keep(blocks, step, NUMBERS)
 
 
 @inlined
@@ -82,21 +69,24 @@ def gather_five(
     rows: Rows, kept: Kept, places: Any, j: Int, block: Int, order: Int, y: Int, differ: bool, everything: bool,
     inverse: Any, taps: Any, sums: Any, tap_sums: Any,
 ) -> None:  # fmt: skip
-    """Gathers from the j-th of five rows of taps, at ``places``, with what it has kept for the block if it has."""
-    read, apart, x, step = read_from(rows), rows.apart, block * WIDTH - rows.left, rows.step
+    """Gathers from the j-th of five rows of taps, at ``places``, with what it has kept for the block if it has.
+
+    Of a pair, the pixel that comes first gathers for the widths of both.
+    """
+    read, apart, x, step = read_from(rows.floats, rows.apart), rows.apart, block * WIDTH - rows.left, rows.step
     at, tap, away, reach = places[2] + x, places[j] + x, j - 2, reach_of(step)
     row_taps, widths, lines = advanced(taps, 5 * j), advanced(sums, SUMS), advanced(kept.floats, x)
     if differ:
         back, row_sums = advanced(taps, 20 - 5 * j), advanced(tap_sums, 5 * WIDTH * j)
         gather_differing(read, at, tap, step, row_taps, back, sums, widths, row_sums)
     elif j == 2:
-        own = advanced(lines, slot_in(kept, order))
         gather_own(read, at, row_taps, sums)
         if is_ready(kept, order, y, block - reach, block):
+            own = advanced(lines, slot_in(kept, order))
             gather_left(read, everything, at, step, inverse, sums, own, apart)
         else:
-            scrap = stack_floats(WIDTHS)
-            gather_beside(read, everything, at, -step, inverse, row_taps, sums, scrap, kept.scrap, WIDTH)
+            nobody = stack_floats(WIDTHS)
+            gather_beside(read, everything, at, -step, inverse, row_taps, sums, nobody, kept.scrap, WIDTH)
     elif j < 2 and is_ready(kept, order + away, y + away * step, block - reach, block + reach):
         its = advanced(lines, slot_in(kept, order + away) + NUMBERS * (AFTER_NEXT if j == 0 else NEXT) * apart)
         gather_kept(read, everything, at, tap, step, inverse, sums, its, apart)
@@ -115,6 +105,27 @@ def copy_shares(view: View, shares: Shares, rows: Rows, y: Int) -> None:
     copy_row(pointer_to(shares.light), view.plane, 4, y, view.width, rows, LIGHT)
     if shares.differ:
         copy_row(pointer_to(shares.scales), view.plane, 3, y, view.width, rows, SCALES)
+
+
+@inlined
+def begin_block(
+    view: View, light: Any, rows: Rows, kept: Kept, y: Int, block: Int, order: Int, own: Int, differ: bool,
+    everything: bool, inverse: Any, taps: Any, sums: Any,
+) -> None:  # fmt: skip
+    """Gathers from the taps to the right of a block, which is kept for those to whose left it is."""
+    x, soon = block * WIDTH, y + 3 * rows.step
+    if soon < view.height:
+        at = soon * view.width + x
+        ask_for(view, at)
+        for k in range(4):
+            prefetch(light, at + k * view.plane)
+    if not differ:
+        read, lines = read_from(rows.floats, rows.apart), advanced(kept.floats, slot_in(kept, order) + x - rows.left)
+        gather_beside(
+            read, everything, own + x - rows.left, rows.step, inverse, advanced(taps, 10), sums, advanced(sums, SUMS),
+            lines, rows.apart,
+        )  # fmt: skip
+        kept.ready[order % KEPT_ROWS * kept.blocks + block] = ONE
 
 
 @kernel
@@ -158,7 +169,7 @@ def gather_runs(
     all_sums, run_taps, run_widths = stack_floats(ALL_SUMS), stack_floats(TAP_SUMS), stack_floats(WIDTHS)
     places, differ = stack_words(SLOTS), shares.differ
     leftmost, rightmost = extent_of(runs, start, stop)
-    channels: Int = SCALES + 3 if differ else SCALES
+    channels: Int = ALL_CHANNELS if differ else SCALES
     floats = pointer_to(aligned(scratch))
     rows = rows_for(floats, channels, leftmost, rightmost, step)
     blocks = -(-image.shape[3] // WIDTH)
@@ -184,19 +195,10 @@ def gather_runs(
             for k in range(count * BLOCK_SUMS):
                 all_sums[k] = ZERO
             for block in range(count):
-                x, sums = (left + block) * WIDTH, advanced(all_sums, BLOCK_SUMS * block)
-                if y + 3 * step < view.height:
-                    soon = (y + 3 * step) * width + x
-                    ask_for(view, soon)
-                    for k in range(4):
-                        prefetch(light, soon + k * plane)
-                if not differ:
-                    lines = advanced(kept.floats, slot_in(kept, order) + x - rows.left)
-                    gather_beside(
-                        read_from(rows), everything, places[2] + x - rows.left, step, inverse, advanced(taps, 10), sums,
-                        advanced(sums, SUMS), lines, rows.apart,
-                    )  # fmt: skip
-                    kept.ready[order % KEPT_ROWS * kept.blocks + left + block] = ONE
+                begin_block(
+                    view, light, rows, kept, y, left + block, order, places[2], differ, everything, inverse, taps,
+                    advanced(all_sums, BLOCK_SUMS * block),
+                )  # fmt: skip
             for j in range(5):
                 if not 0 <= y + (j - 2) * step < view.height:
                     continue

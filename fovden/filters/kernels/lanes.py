@@ -1,17 +1,18 @@
-"""Sixteen pixels of a row at a time: masked reads and writes, and powers of two.
+"""Sixteen pixels of a row at a time: reads and writes, masked or not, and powers of two.
 
-What lies outside a row, or outside the pixels that a pass works on, is neither read nor written: images need no
-padding, and two threads may work on neighbouring pixels.
+Under a mask, what lies outside a row, or outside the pixels that a pass works on, is neither read nor written: images
+need no padding, and two threads may work on neighbouring pixels.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from llvmlite import ir
+from numba import types
 from numba.core import cgutils
 
 from fovden.jit import Float, inlined
-from fovden.simd import F32, I32, I64, Builder, Lanes, Value, fused, splat
+from fovden.simd import F32, I32, I64, Builder, Lanes, Value, fused, load, splat
 
 WIDTH = 16
 """Pixels of a block. Where a processor's vectors are shorter, LLVM takes two or four of them."""
@@ -25,7 +26,8 @@ EXP2 = tuple(map(np.float32, (1.0000001, 0.69314694, 0.2402212, 0.05550713, 0.00
 """2^f for f in [-1/2, 1/2] by powers of f: the polynomial of least greatest relative error, 7.5e-8, rounded to float32
 (1.5e-7)."""
 
-BYTE = ir.IntType(8)
+ZERO = np.float32(0.0)
+BYTE, WORD = ir.IntType(8), types.int64
 
 
 def in_row(builder: Builder, x: Value, width: Value) -> Value:
@@ -66,6 +68,17 @@ def masked_store(builder: Builder, lanes: Lanes, pointer: Value, offset: Value, 
     name = f"llvm.masked.store.v{WIDTH}f32.p0v{WIDTH}f32"
     function = cgutils.get_or_insert_function(builder.module, signature, name)
     builder.call(function, [lanes.value, place, ir.Constant(I32, 4), mask])
+
+
+def read(builder: Builder, pointer: Value, place: Value, plane: Value, channels: int = 3) -> list[Lanes]:
+    """Sixteen pixels of some channels that lie ``plane`` apart, from any place of memory."""
+    places = [builder.add(place, builder.mul(plane, ir.Constant(I64, k))) for k in range(channels)]
+    return [load(builder, pointer, each, WIDTH, align=4) for each in places]
+
+
+def line_at(builder: Builder, pointer: Value, apart: Value, number: int) -> Value:
+    """A pointer some lines further on."""
+    return builder.gep(pointer, [builder.mul(apart, ir.Constant(I64, number))])
 
 
 def number_at(builder: Builder, pointer: Value, index: int) -> Lanes:

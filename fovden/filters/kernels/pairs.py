@@ -3,7 +3,7 @@
 Where pixels share the widths of their pass, and its kernel is the same from either side, so is the power of two that
 they weigh each other with, to the bit. A row keeps those of the taps behind it: two in the row itself and five in each
 of the next two. Rows that come later read them there, shifted, for the taps before them, and take no power of their
-own: twelve remain of twenty-five.
+own: twelve remain of the twenty-four around a pixel.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from fovden.filters.kernels.rows import Rows, reach_of
 from fovden.jit import Int, inlined
 from fovden.simd import advanced, stack_words
 
-BESIDE, NEXT, AFTER_NEXT, TAPS_BEHIND = 0, 2, 7, 12
-"""Lines of the taps to the right, of those in the next row, from left to right, and of those in the one after."""
+NEXT, AFTER_NEXT, TAPS_BEHIND = 2, 7, 12
+"""Lines of the taps in the next row, from left to right, and of those in the one after; first come those beside."""
 
 KEPT_ROWS = 3  # the two before a row, and its own
 SCRAP = 10 * WIDTH  # room for what nobody reads
@@ -44,9 +44,21 @@ class Kept(NamedTuple):
     blocks: Int
 
 
+def line_of(i: int, beside: bool) -> int:
+    """In which of their lines the tap i steps to the right has kept what it has in common with a pixel.
+
+    In a row before, from where it is the other way round; or in the pixel's own, where the first line holds what is a
+    step apart.
+    """
+    return abs(i) - 1 if beside else 2 - i
+
+
+line_of_plain = inlined(line_of)
+
+
 def floats_to_keep(blocks: int, step: int, numbers: int) -> int:
     """How many numbers :func:`kept_for` takes at most, for rows of some blocks."""
-    lines = blocks + 2 * -(-2 * step // WIDTH) + WIDTH
+    lines = blocks + 2 * -(-2 * step // WIDTH) + 1
     return KEPT_ROWS * numbers * TAPS_BEHIND * lines * WIDTH + SCRAP + KEPT_ROWS * blocks
 
 

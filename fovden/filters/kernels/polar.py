@@ -27,9 +27,9 @@ from fovden.filters.kernels.blend import (
     view_of,
 )
 from fovden.filters.kernels.columns import Beside, aligned, find_rows, read_strip
-from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.lanes import WIDTH, ZERO
 from fovden.filters.kernels.pairs import SCRAP
-from fovden.filters.kernels.weigh import ZERO, add_taps
+from fovden.filters.kernels.weigh import add_taps
 from fovden.jit import Int, inlined, kernel
 from fovden.simd import advanced, pointer_to, stack_floats
 
@@ -79,12 +79,12 @@ def read_guides(
 
 
 @inlined
-def on_desk(desk: Desk, view: View, width: Int) -> View:
-    """The strips as a view, of rows of some width."""
+def on_desk(desk: Desk, view: View) -> View:
+    """The strips in place of a view's channels."""
     strips, apart = pointer_to(desk.strips), desk.apart
     return View(
         strips, advanced(strips, MASK * apart), view.known, advanced(strips, 3 * apart), advanced(strips, 6 * apart),
-        view.labels, view.factors, False, 1, width, apart,
+        view.labels, view.factors, view.has_factors, view.height, view.width, apart,
     )  # fmt: skip
 
 
@@ -118,7 +118,7 @@ def add_column(
             find_rows(first + top - 2 * step, 1 if agrees else length, height, its_height, turned, desk.rows)
             place = desk.there + top - 2 * step
             read_guides(view, other, desk.rows, length, its_height, agrees, desk, place)
-        seen = view if lies else on_desk(desk, view, length)
+        seen = view if lies else on_desk(desk, view)
         own, its = (column * view.width + first, other * view.width + first) if lies else (np.int64(0), desk.there)
         for block in range(start, stop):
             x = block * WIDTH

@@ -12,21 +12,26 @@ from typing import Any
 
 import numpy as np
 
-from fovden.filters.kernels.back import BLOCK_SUMS, TAP_SUMS, Gradients, hand_back
-from fovden.filters.kernels.blend import MASK, NORMAL, POSITION, Guides, Passes, View, view_of
+from fovden.filters.kernels.back import TAP_SUMS, Gradients, hand_back
+from fovden.filters.kernels.blend import CHANNELS, MASK, NORMAL, Guides, Passes, View, view_of
 from fovden.filters.kernels.columns import BACK, FORTH, aligned, clear_strip, find_rows, read_strip
 from fovden.filters.kernels.gather import gather_differing, gather_row
-from fovden.filters.kernels.gather_rows import LIGHT, SCALES
-from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.lanes import WIDTH, ZERO
 from fovden.filters.kernels.pairs import SCRAP
 from fovden.filters.kernels.polar import Desk, desk_for, read_guides
-from fovden.filters.kernels.shares import GATHERED, SUMS, WIDTHS, Read, Shares
-from fovden.filters.kernels.shares import NORMAL as NORMAL_SUM
-from fovden.filters.kernels.weigh import ZERO
+from fovden.filters.kernels.shares import (
+    ALL_CHANNELS,
+    BLOCK_SUMS,
+    LIGHT,
+    SCALES,
+    SUMS,
+    WIDTHS,
+    Shares,
+    read_from,
+)
 from fovden.jit import Int, inlined, kernel
 from fovden.simd import advanced, pointer_to, stack_floats
 
-CHANNELS = SCALES + 3  # of strips
 HALF = np.float32(0.5)
 
 
@@ -72,16 +77,6 @@ def read_all(
 
 
 @inlined
-def read_from(desk: Desk) -> Read:
-    """The channels of the strips."""
-    base, apart = pointer_to(desk.strips), desk.apart
-    return Read(
-        base, advanced(base, NORMAL * apart), advanced(base, POSITION * apart), advanced(base, MASK * apart),
-        advanced(base, LIGHT * apart), advanced(base, SCALES * apart), apart,
-    )  # fmt: skip
-
-
-@inlined
 def fold(sums: Any, rows: Any, count: Int, everything: bool, own_sums: Any) -> None:
     """Adds the sums of a strip's rows to those of the column's rows that they are."""
     for j in range(count):
@@ -91,7 +86,7 @@ def fold(sums: Any, rows: Any, count: Int, everything: bool, own_sums: Any) -> N
             own_sums[target + k * WIDTH] += sums[source + k * WIDTH]
             own_sums[target + SUMS + k * WIDTH] += sums[source + SUMS + k * WIDTH]
         if everything:
-            for k in range(NORMAL_SUM, GATHERED):
+            for k in range(NORMAL, CHANNELS):
                 own_sums[target + k * WIDTH] += sums[source + k * WIDTH]
 
 
@@ -134,7 +129,7 @@ def gather_columns(
         width_sums: As there, for each column.
         tap_sums: As there, for each column.
     """
-    desk = desk_for(CHANNELS, image.shape[3], step)
+    desk = desk_for(ALL_CHANNELS, image.shape[3], step)
     room = image.shape[3] // WIDTH * BLOCK_SUMS
     floats = aligned(np.empty(2 * room + WIDTH, np.float32))
     run_taps, run_widths = stack_floats(TAP_SUMS), stack_floats(WIDTHS)
@@ -159,7 +154,8 @@ def gather_columns(
             if not own:
                 for k in range(-(-frame // WIDTH) * BLOCK_SUMS):
                     sums[k] = ZERO
-            read, row_taps, back = read_from(desk), advanced(taps, 5 * tap), advanced(taps, 20 - 5 * tap)
+            read = read_from(pointer_to(desk.strips), desk.apart)
+            row_taps, back = advanced(taps, 5 * tap), advanced(taps, 20 - 5 * tap)
             for block in range(-(-frame // WIDTH)):
                 x, place = block * WIDTH, advanced(sums, BLOCK_SUMS * block)
                 widths = advanced(place, SUMS)

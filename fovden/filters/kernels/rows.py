@@ -1,8 +1,8 @@
 """Rows of an image that lie ``step`` apart, as a thread has them before it: the five that the taps of a row stand in.
 
 A thread works through rows in this order, so that each is copied once and looked at five times. Here it begins and ends
-with places without weight, as many as taps reach: no tap has to ask where the image ends. And channels lie so that they
-share out the sets of a cache, whatever the image's width.
+with places without weight, as many as taps reach: no tap has to ask where the image ends. And channels begin in
+different sets of a cache, whatever the image's width.
 """
 
 from __future__ import annotations
@@ -18,8 +18,6 @@ from fovden.jit import Int, inlined
 from fovden.simd import advanced, stack_words
 
 SLOTS = 5
-SPREAD, SPREAD_OF = 7, 16
-"""Channels are 7 cache lines more than a multiple of 16 apart: ten of them meet nowhere in a cache of 64 sets."""
 
 
 class Rows(NamedTuple):
@@ -59,7 +57,7 @@ def in_order(runs: NDArray[np.int32], step: int, rows: int) -> NDArray[np.int32]
 
 def floats_for(blocks: int, step: int, channels: int) -> int:
     """How many numbers :func:`rows_for` takes at most, for rows of some blocks."""
-    lines = blocks + 2 * -(-2 * step // WIDTH) + SPREAD_OF
+    lines = blocks + 2 * -(-2 * step // WIDTH) + 1
     return (SLOTS * channels * lines + 1) * WIDTH
 
 
@@ -83,7 +81,7 @@ def rows_for(floats: Any, channels: Int, first: Int, end: Int, step: Int) -> Row
     """Room for the rows of runs between two blocks, and for what taps reach beside them."""
     reach, held = reach_of(step), stack_words(SLOTS)
     lines = end - first + 2 * reach
-    lines += (SPREAD - lines) % SPREAD_OF
+    lines |= 1  # a power of two, and all channels would begin in one set of a cache
     for slot in range(SLOTS):
         held[slot] = np.int64(-1)
     return Rows(floats, channels, lines * WIDTH, (first - reach) * WIDTH, step, held)

@@ -1,4 +1,4 @@
-"""What a pass hands back on the way back, and where the sums of it are.
+"""What a pass hands back on the way back, and where the sums of it are: in the order of the channels that it has read.
 
 Derivatives of powers of two leave out 2 ln 2 until the end; what comes by another way is divided by it before.
 """
@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fovden.filters.kernels.blend import CHANNELS, LOG2_E, MASK, NORMAL, POSITION
 from fovden.filters.kernels.lanes import WIDTH
-from fovden.jit import Int
+from fovden.jit import Int, inlined
+from fovden.simd import advanced
 
-IMAGE, NORMAL, POSITION, MASK, GATHERED = 0, 3, 6, 9, 10  # sums of a block
-SUMS, WIDTHS = GATHERED * WIDTH, 3 * WIDTH  # and those of the widths, which come after
-
-LOG2_E = np.float32(1.4426950408889634)
+SUMS, WIDTHS = CHANNELS * WIDTH, 3 * WIDTH  # of a block: of the channels, and of the widths, which come after
+BLOCK_SUMS = SUMS + WIDTHS
+LIGHT, SCALES, ALL_CHANNELS = CHANNELS, CHANNELS + 4, CHANNELS + 7  # after the channels of the way forth
 HALF_LOG2_E = np.float32(0.5) * LOG2_E
 
 
@@ -43,3 +44,12 @@ class Read(NamedTuple):
     light: Any
     scales: Any
     plane: Int
+
+
+@inlined
+def read_from(base: Any, apart: Int) -> Read:
+    """Channels that lie ``apart``, in their order."""
+    return Read(
+        base, advanced(base, NORMAL * apart), advanced(base, POSITION * apart), advanced(base, MASK * apart),
+        advanced(base, LIGHT * apart), advanced(base, SCALES * apart), apart,
+    )  # fmt: skip

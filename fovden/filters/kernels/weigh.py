@@ -12,23 +12,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from fovden.filters.kernels.lanes import WIDTH, exp2, exp2_plain, number_at
+from fovden.filters.kernels.lanes import WIDTH, WORD, ZERO, exp2, exp2_plain, line_at, number_at, read
+from fovden.filters.kernels.pairs import line_of, line_of_plain
 from fovden.jit import Int, inlined, vectorised
 from fovden.simd import FLOATS, I64, Lanes, fused, load, store
-
-ZERO = np.float32(0.0)
-WORD = types.int64
-
-
-def read(builder: Any, pointer: Any, place: Any, plane: Any, channels: int = 3) -> list[Lanes]:
-    """Sixteen pixels of some channels."""
-    places = [builder.add(place, builder.mul(plane, ir.Constant(I64, k))) for k in range(channels)]
-    return [load(builder, pointer, each, WIDTH, align=4) for each in places]
 
 
 def _power(builder: Any, here: Any, there: Any, scale: Any, tap: Lanes) -> Lanes:
@@ -43,11 +34,6 @@ def _power(builder: Any, here: Any, there: Any, scale: Any, tap: Lanes) -> Lanes
 def _add(total: list[Lanes], power: Lanes, weight: Lanes, image: list[Lanes]) -> list[Lanes]:
     w = power * weight
     return [*(fused(w, image[k], total[k]) for k in range(3)), total[3] + w]
-
-
-def line_at(builder: Any, pointer: Any, apart: Any, number: int) -> Any:
-    """A pointer some lines further on."""
-    return builder.gep(pointer, [builder.mul(apart, ir.Constant(I64, number))])
 
 
 @intrinsic
@@ -90,10 +76,7 @@ def add_taps_plain(
             here, there = at + lane, tap + lane + (i - 2) * step
             power = power_plain(image, normal, position, plane, here, there, scales, lane, taps[i])
             kept[i * apart + lane] = power
-            w = power * weight[there]
-            for k in range(3):
-                sums[k * WIDTH + lane] += w * image[there + k * plane]
-            sums[3 * WIDTH + lane] += w
+            add_pixel(image, weight, plane, there, power, sums, lane)
 
 
 @inlined
@@ -135,17 +118,9 @@ def weigh_beside_vector(
 
 @inlined
 def weigh_beside_plain(
-    image: Any,
-    normal: Any,
-    position: Any,
-    plane: Int,
-    at: Int,
-    step: Int,
-    taps: Any,
-    scales: Any,
-    kept: Any,
+    image: Any, normal: Any, position: Any, plane: Int, at: Int, step: Int, taps: Any, scales: Any, kept: Any,
     apart: Int,
-) -> None:
+) -> None:  # fmt: skip
     """:data:`weigh_beside_vector`, one pixel after the other."""
     for i in (1, 2):
         for lane in range(WIDTH):
@@ -153,11 +128,6 @@ def weigh_beside_plain(
             kept[(i - 1) * apart + lane] = power_plain(
                 image, normal, position, plane, here, there, scales, lane, taps[2 + i]
             )
-
-
-def line_of(i: int, beside: bool) -> int:
-    """In which line the power of tap i is: of the row itself, or of one before, where it is the other way round."""
-    return (1, 0, -1, 0, 1)[i] if beside else 4 - i
 
 
 def _add_kept(beside: bool) -> Any:
@@ -169,15 +139,15 @@ def _add_kept(beside: bool) -> Any:
         def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             image, weight, plane, tap, step, taps, sums, kept, apart = arguments
             total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(4)]
-            for i in range(5):
-                shift = builder.mul(step, ir.Constant(I64, i - 2))
+            for i in (-2, -1, 0, 1, 2):
+                shift = builder.mul(step, ir.Constant(I64, i))
                 place = builder.add(tap, shift)
-                if beside and i == 2:
-                    power = exp2(number_at(builder, taps, i))
+                if beside and i == 0:
+                    power = exp2(number_at(builder, taps, 2))
                 else:
-                    own = beside and i > 2  # what the block has kept itself, and not the one that the tap stands in
-                    shift = ir.Constant(I64, 0) if own else shift
-                    power = load(builder, line_at(builder, kept, apart, line_of(i, beside)), shift, WIDTH, align=4)
+                    own = beside and i > 0  # what the block has kept itself, and not the one that the tap stands in
+                    line = line_at(builder, kept, apart, line_of(i, beside))
+                    power = load(builder, line, ir.Constant(I64, 0) if own else shift, WIDTH, align=4)
                 weight_ = load(builder, weight, place, WIDTH, align=4)
                 total = _add(total, power, weight_, read(builder, image, place, plane))
             for k in range(4):
@@ -198,10 +168,10 @@ def add_kept_plain(
     image: Any, weight: Any, plane: Int, tap: Int, step: Int, taps: Any, sums: Any, kept: Any, apart: Int
 ) -> None:
     """:data:`add_kept_vector`, one pixel after the other."""
-    for i in range(5):
-        shift = (i - 2) * step
+    for i in range(-2, 3):
         for lane in range(WIDTH):
-            add_pixel(image, weight, plane, tap + shift + lane, kept[(4 - i) * apart + shift + lane], sums, lane)
+            power = kept[line_of_plain(i, False) * apart + i * step + lane]
+            add_pixel(image, weight, plane, tap + i * step + lane, power, sums, lane)
 
 
 @inlined
@@ -209,13 +179,12 @@ def add_kept_beside_plain(
     image: Any, weight: Any, plane: Int, tap: Int, step: Int, taps: Any, sums: Any, kept: Any, apart: Int
 ) -> None:
     """:data:`add_kept_beside_vector`, one pixel after the other."""
-    for i in range(5):
-        shift = (i - 2) * step
+    for i in range(-2, 3):
         for lane in range(WIDTH):
             power = exp2_plain(taps[2])
-            if i != 2:
-                power = kept[(abs(i - 2) - 1) * apart + min(shift, 0) + lane]
-            add_pixel(image, weight, plane, tap + shift + lane, power, sums, lane)
+            if i != 0:
+                power = kept[line_of_plain(i, True) * apart + min(i, 0) * step + lane]
+            add_pixel(image, weight, plane, tap + i * step + lane, power, sums, lane)
 
 
 @inlined
