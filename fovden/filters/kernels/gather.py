@@ -84,7 +84,7 @@ def gather_beside(
     read: Read, everything: bool, at: Int, step: Int, inverse: Any, taps: Any, sums: Any, widths: Any, kept: Any,
     apart: Int,
 ) -> None:  # fmt: skip
-    """The same for the two taps to the right; or, with a step below 0, to the left."""
+    """The same for the two taps to the right."""
     image, normal, position, weight, light, _, plane = read
     if not VECTORS:
         gather_plain(read, everything, at, at, step, inverse, taps, sums, widths, kept, apart, 2)

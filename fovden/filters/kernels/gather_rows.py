@@ -81,12 +81,9 @@ def gather_five(
         gather_differing(read, at, tap, step, row_taps, back, sums, widths, row_sums)
     elif j == 2:
         gather_own(read, at, row_taps, sums)
-        if is_ready(kept, order, y, block - reach, block):
+        if is_ready(kept, order, y, block - reach, block):  # else nothing to the left has been read, or has read
             own = advanced(lines, slot_in(kept, order))
             gather_left(read, everything, at, step, inverse, sums, own, apart)
-        else:
-            nobody = stack_floats(WIDTHS)
-            gather_beside(read, everything, at, -step, inverse, row_taps, sums, nobody, kept.scrap, WIDTH)
     elif j < 2 and is_ready(kept, order + away, y + away * step, block - reach, block + reach):
         its = advanced(lines, slot_in(kept, order + away) + NUMBERS * (AFTER_NEXT if j == 0 else NEXT) * apart)
         gather_kept(read, everything, at, tap, step, inverse, sums, its, apart)
