@@ -9,6 +9,9 @@ that it likes best, and answers through its public call. Peers:
 - ``kornia``: ``joint_bilateral_blur``, 5 x 5 taps side by side, one guide.
 - ``opencv``: ``jointBilateralFilter``, a disc of 29 taps of 7 x 7, one guide of three channels.
 
+A call's images lie on pages that the system has to hand out if the call before has given its own back, which takes as
+long as half of a level forwards; that counts on either side.
+
 The last two filter something else, and are compared by pixels and taps per second. The share of the processor's peak
 counts 56 operations a tap, though a pair of pixels needs the most of them once, against multiplications and additions
 that wait for nothing, measured in the same run.
@@ -154,11 +157,11 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
         results.append({"kind": kind, "pixels": on.pixels, "taps": taps, "threads": threads, "times": times})
 
     for name, steps in (("one level", (1,)), ("five levels", STEPS)):
-        peers = {"eager": forwards(images, steps, compose)}
-        if options.compile and len(steps) == 1:
-            compiled = torch.compile(compose, fullgraph=True)
-            peers["compiled"] = forwards(images, steps, compiled)
-        add(f"{name}, forwards", images, 25 * len(steps), forwards(images, steps, run_passes), peers)
+        own, eager = forwards(images, steps, run_passes), forwards(images, steps, compose)
+        add(f"{name}, forwards", images, 25 * len(steps), own, {"eager": eager})
+        if options.compile and len(steps) == 1:  # in rounds of its own: what a call leaves of memory concerns the next
+            compiled = forwards(images, steps, torch.compile(compose, fullgraph=True))
+            add(f"{name}, forwards", images, 25, own, {"compiled": compiled})
     for name, steps, on in (("one level", (1,), images), ("five levels", STEPS, small)):
         for which, everything in (("radiance and widths", False), ("everything", True)):
             own = both_ways(on, steps, run_passes, on.full, everything)

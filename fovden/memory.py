@@ -1,31 +1,24 @@
-"""Large pages for memory that is read all over, and memory that a thread keeps.
+"""Large pages for memory that is read all over.
 
 Rays meet nodes, triangles and texels in no order, and with the usual pages of 4 KiB most of these reads also miss the
 processor's table of pages. Linux gives pages of 2 MiB to memory that asks for them; PyTorch's does not ask. On a hall
 of 262,267 triangles, incoherent rays became 10 to 20 % faster.
-
-A kernel's tile lasts some tenths of a millisecond. Memory that it asked for anew each time would cost it as much: the
-system hands it out page by page, filled with zeros.
 """
 
 from __future__ import annotations
 
 import math
 import mmap
-import threading
 from contextlib import suppress
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-__all__ = ["floats_of_thread", "on_large_pages", "zeros_on_large_pages"]
+__all__ = ["on_large_pages", "zeros_on_large_pages"]
 
 PAGE = 1 << 21
 SMALLEST = 1 << 20  # bytes; below this the usual pages do
-
-_kept = threading.local()
 
 
 def on_large_pages(tensor: Tensor) -> Tensor:
@@ -72,25 +65,6 @@ def zeros_on_large_pages(*shape: int, dtype: torch.dtype = torch.float32) -> Ten
     buffer = np.zeros(size + 64, np.uint8)  # torch would wake its threads
     start = -buffer.ctypes.data % 64
     return torch.from_numpy(buffer[start : start + size]).view(dtype).view(shape)
-
-
-def floats_of_thread(count: int) -> NDArray[np.float32]:
-    """Returns memory of the calling thread, which keeps it until it asks for more.
-
-    Args:
-        count: How many numbers it needs at least.
-
-    Returns:
-        Those, with what the thread's last caller has left in them.
-
-    Example:
-        >>> floats_of_thread(100) is floats_of_thread(50)
-        True
-    """
-    floats: NDArray[np.float32] | None = getattr(_kept, "floats", None)
-    if floats is None or len(floats) < count:
-        floats = _kept.floats = np.empty(count, np.float32)
-    return floats
 
 
 def _worthwhile(size: int) -> bool:

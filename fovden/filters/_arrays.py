@@ -15,7 +15,6 @@ from torch import Tensor
 
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.filters.kernels.runs import copy_runs
-from fovden.memory import floats_of_thread
 from fovden.parallel import run
 
 __all__ = ["array_of", "copied", "copy_to", "with_scratch", "zeros"]
@@ -69,14 +68,14 @@ def copy_to(target: Tensor, image: Tensor) -> None:
 
 
 def with_scratch(kernel: Callable[..., object], count: int) -> Callable[..., None]:
-    """Returns a kernel that is given memory of the thread that calls it, of some numbers, for a last argument.
+    """Returns a kernel that is given room for some numbers, which no other thread uses, for a last argument.
 
     Example:
-        >>> with_scratch(lambda start, stop, scratch: print(len(scratch) >= 5), 5)(0, 1)
-        True
+        >>> with_scratch(lambda start, stop, scratch: print(len(scratch)), 5)(0, 1)
+        5
     """
 
     def call(start: int, stop: int, *arguments: Any) -> None:
-        kernel(start, stop, *arguments, floats_of_thread(count))
+        kernel(start, stop, *arguments, np.empty(count, np.float32))
 
     return call

@@ -1,6 +1,5 @@
 """What pairs of pixels keep for each other is what each of them would have found itself, to the bit."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ import torch
 
 from fovden.filters import fused
 from fovden.filters.fused import Inputs, blend_stack, return_gradients
-from fovden.memory import floats_of_thread
 
 STEPS = (16, 3, 1)
 
@@ -63,17 +61,15 @@ def test_nothing_depends_on_how_many_rows_a_thread_takes(setting, everything, mo
 
 
 @pytest.mark.parametrize("setting", SETTINGS)
-def test_nothing_depends_on_what_a_thread_has_left(setting):
+def test_nothing_depends_on_what_memory_held(setting, monkeypatch):
     inputs = inputs_of(**SETTINGS[setting])
     before = outcome(inputs)
-    threads = torch.get_num_threads()
-    try:
-        torch.set_num_threads(1)  # whose memory is known
-        floats_of_thread(1).fill(np.nan)
-        after = outcome(inputs)
-    finally:
-        torch.set_num_threads(threads)
-    assert all(torch.equal(one, same) for one, same in zip(before, after, strict=True))
+
+    def with_nan(kernel, count):
+        return lambda *arguments: kernel(*arguments, np.full(count, np.nan, np.float32))
+
+    monkeypatch.setattr(fused, "with_scratch", with_nan)
+    assert all(torch.equal(one, same) for one, same in zip(before, outcome(inputs), strict=True))
 
 
 def test_a_kernel_that_is_not_symmetric_is_not_taken_from_the_other_side():
@@ -92,12 +88,3 @@ def test_steps_beyond_the_image_need_no_room():
     far, further = (replace(inputs_of(), steps=(step, step, step)) for step in (85, 10**9))
     assert all(torch.equal(one, same) for one, same in zip(outcome(far), outcome(further), strict=True))
     torch.testing.assert_close(blend_stack(further).image, further.radiance)
-
-
-def test_each_thread_has_memory_of_its_own():
-    own = floats_of_thread(10)
-    assert floats_of_thread(4) is own
-    with ThreadPoolExecutor(1) as pool:
-        other = pool.submit(floats_of_thread, 10).result()
-    assert not np.shares_memory(own, other)
-    assert len(floats_of_thread(len(own) + 1)) > len(own)
