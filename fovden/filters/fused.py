@@ -2,14 +2,14 @@
 
 The kernels take tensors as they are; a thread copies for itself the rows that it looks at. A pass works on runs of
 blocks of sixteen pixels that hold a label, so it costs what it covers. Passes of one level, on different labels, read
-the same image. What the way back needs goes on tape while a pass writes: the sums of the pixels' weights, and their old
-values, which the pass before has written there where all passes work on the whole image.
+the same image. What the way back needs is written once: the image after each level, which the next one reads, and the
+sums of the pixels' weights.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fovden.filters._arrays import array_of, copied, copy_to, with_scratch, zeros
-from fovden.filters.kernels.back import Gradients, prepare_runs, reduce_runs, scale_runs
+from fovden.filters.kernels.back import prepare_runs, reduce_runs, scale_runs
 from fovden.filters.kernels.blend import Guides, Passes
 from fovden.filters.kernels.blend_rows import blend_runs, scratch_for
 from fovden.filters.kernels.columns import Columns
 from fovden.filters.kernels.gather_rows import gather_runs, scratch_to_gather
+from fovden.filters.kernels.hand_back import Gradients
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.filters.kernels.polar import blend_columns
 from fovden.filters.kernels.polar_back import gather_columns
@@ -31,7 +32,7 @@ from fovden.filters.kernels.rows import in_order
 from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, runs_of_rows, spread
 from fovden.filters.kernels.shares import Shares
 from fovden.filters.taps import B3_SPLINE
-from fovden.memory import zeros_on_large_pages
+from fovden.memory import reused
 from fovden.parallel import run
 
 __all__ = ["Blended", "Inputs", "Returned", "blend_stack", "return_gradients"]
@@ -108,20 +109,22 @@ class Inputs:
 
 
 class Blended(NamedTuple):
-    """The outcome of a stack.
+    """The outcome of a stack, and what :func:`return_gradients` needs of it.
 
     Attributes:
         image: Radiance, shape (v, 3, h, w).
         known: Which pixels have a value now, bool, shape (v, 1, h, w).
         mask: Weight of each pixel as a tap now, shape (v, 1, h, w).
-        tape: What :func:`return_gradients` needs, shape (levels, v, 4 or 5, h, w); of no levels if not wanted. Of each
-            level, the radiance before, unless that is the input, the sums of weights and, where it is filled, the mask.
+        images: Radiance between the levels, shape (levels - 1, v, 3, h, w); of none if it is not wanted.
+        totals: Of each level the sums of weights, negative where a pixel had no value of its own, and where it is
+            filled the mask before, shape (levels, 1 or 2, v, 1, h, w); of none if they are not wanted.
     """
 
     image: Tensor
     known: Tensor
     mask: Tensor
-    tape: Tensor
+    images: Tensor
+    totals: Tensor
 
 
 class Returned(NamedTuple):
@@ -155,45 +158,45 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
         tensor(2.)
     """
     passes, guides = inputs.arrays()
-    image, mask = inputs.radiance.contiguous(), inputs.mask.contiguous()
-    known = np.array(array_of(mask) > 0 if inputs.known is None else inputs.known.numpy(), np.float32, order="C")
+    image, mask, shape = inputs.radiance.contiguous(), inputs.mask.contiguous(), inputs.radiance.shape
+    known = array_of(reused(*mask.shape))
+    known[:] = array_of(mask) > 0 if inputs.known is None else inputs.known.numpy()
     levels = list(_levels(inputs, columns))
-    channels = 5 if inputs.fill else 4
-    tape = zeros_on_large_pages(len(levels) if save else 0, len(image), channels, *image.shape[2:])
-    nothing = np.empty((0, channels, *image.shape[2:]), np.float32)
-    rows, width = image.shape[2:]
-    spare: Tensor | None = None
-    is_kept = True  # the image: it is not ours to write to, and need not be kept otherwise
+    images = reused(len(levels) - 1 if save and levels else 0, *shape)
+    totals = reused(len(levels) if save else 0, 2 if inputs.fill else 1, *mask.shape)
+    places, spare = _places(images, shape), None
     for number, level in enumerate(levels):
         ahead = levels[number + 1] if number + 1 < len(levels) else None
-        on_tape = save and level.is_whole and ahead is not None and ahead.is_whole
-        if on_tape:  # what the next level reads is what the way back needs of it
-            after = tape[number + 1]
-        elif spare is not None:
-            after = spare
-        else:
-            after = torch.empty_like(inputs.radiance, memory_format=torch.contiguous_format)
-            if not level.is_whole:
-                copy_to(after, image)
+        after = next(places) if spare is None else spare
+        if not level.is_whole and after is not spare:
+            copy_to(after, image)
         next_mask = torch.from_numpy(copied(mask)) if inputs.fill else mask
+        if save and not level.is_whole:
+            array_of(totals[number, 0]).fill(0)
         if save and inputs.fill:
-            tape[number, :, 4:] = mask
-        runs = in_order(level.runs, level.step, rows) if columns is None else level.runs
+            array_of(totals[number, 1])[:] = array_of(mask)
+        runs = in_order(level.runs, level.step, shape[2]) if columns is None else level.runs
         arguments = (
             runs, level.step, passes, guides, array_of(image), array_of(mask), known, array_of(after),
-            array_of(next_mask), inputs.fill, array_of(tape[number]) if save else nothing,
-            save and not (level.is_whole and is_kept),
+            array_of(next_mask), inputs.fill, array_of(totals[number, 0] if save else totals.view(0, 1, *shape[2:])),
         )  # fmt: skip
         if columns is None:
-            scratch = scratch_for(-(-width // WIDTH), level.step)
+            scratch = scratch_for(-(-shape[3] // WIDTH), level.step)
             run(with_scratch(blend_runs, scratch), len(runs), arguments, tile=runs_of_rows(TILE, runs))
         else:
             run(blend_columns, len(runs), (columns.beside(level.step), *arguments), tile=TILE)
-        spare = None if is_kept else image
-        image, mask, is_kept = after, next_mask, on_tape
+        spare = None if save or number == 0 else image  # the first is not ours to write to
+        image, mask = after, next_mask
         if spare is not None and ahead is not None and ahead.chosen is not level.chosen:
             run(copy_runs, len(level.runs), (level.runs, array_of(image), array_of(spare)), tile=TILE)
-    return Blended(image if levels else image.clone(), torch.from_numpy(known > 0), mask, tape)
+    return Blended(image if levels else image.clone(), torch.from_numpy(known > 0), mask, images, totals)
+
+
+def _places(images: Tensor, shape: Sequence[int]) -> Iterator[Tensor]:
+    """Where the levels write to: what is saved first, and then new images."""
+    yield from images
+    while True:
+        yield reused(*shape)
 
 
 def return_gradients(
@@ -205,11 +208,11 @@ def return_gradients(
     everything: bool = True,
     columns: Columns | None = None,
 ) -> Returned:
-    """Returns the gradients of all inputs, from those of the outcome; view by view, so that little memory is needed.
+    """Returns the gradients of all inputs, from those of the outcome.
 
     Args:
         inputs: What the passes have read.
-        blended: Their outcome, with its tape.
+        blended: Their outcome, with what was saved of it.
         gradient: Gradient of the image, shape (v, 3, h, w).
         mask_gradient: Gradient of the mask, shape (v, 1, h, w), where passes fill it; ``None`` for 0.
         everything: Whether those of normal, position and mask are wanted.
@@ -224,21 +227,15 @@ def return_gradients(
         >>> round(return_gradients(one, blend_stack(one, save=True), flat + 1).radiance.sum().item(), 4)
         48.0
     """
-    light = inputs.radiance.new_empty(1, 4, *inputs.radiance.shape[2:])
-    planes = [light.new_empty(1, 3, *light.shape[2:]) for _ in range(2)]  # most often nobody writes there
-    scratch = Shares(light, planes[0], differ=False)
+    views, _, height, width = inputs.radiance.shape
+    light, scales, own_widths = (reused(views, channels, height, width) for channels in (4, 3, 3))
     radiance = torch.from_numpy(copied(gradient))
     mask = zeros(inputs.mask.shape) if mask_gradient is None else torch.from_numpy(copied(mask_gradient))
-    normal, position = (zeros(radiance.shape if everything else (len(radiance), 0, 1, 1)) for _ in range(2))
+    normal, position = (zeros(radiance.shape if everything else (views, 0, 1, 1)) for _ in range(2))
     factors = None if inputs.factors is None else zeros(radiance.shape)
-    widths, taps = np.zeros((len(inputs.steps), 3)), np.zeros((len(inputs.steps), 25))
-    for view in range(len(radiance)):
-        part = slice(view, view + 1)
-        sums = Gradients(radiance[part], planes[1], normal[part], position[part], mask[part])
-        own = _view_of(inputs, part)
-        own_factors = None if factors is None else factors[part]
-        image, tape = blended.image[part], blended.tape[:, part]
-        _walk_back(own, image, tape, scratch, sums, own_factors, widths, taps, everything, columns)
+    shares = Shares(array_of(light), array_of(scales), differ=False)
+    gradients = Gradients(*map(array_of, (radiance, own_widths, normal, position, mask)))
+    widths, taps = _walk_back(inputs, blended, shares, gradients, factors, everything, columns)
     kernels = None
     if inputs.kernels is not None:
         kernels = torch.from_numpy(taps).view(-1, 5, 5).div(inputs.kernels).to(inputs.kernels.dtype)
@@ -255,50 +252,43 @@ def return_gradients(
 
 def _walk_back(
     inputs: Inputs,
-    image: Tensor,
-    tape: Tensor,
-    scratch: Shares,
-    sums: Gradients,
+    blended: Blended,
+    shares: Shares,
+    gradients: Gradients,
     factors: Tensor | None,
-    widths: NDArray[np.float64],
-    taps: NDArray[np.float64],
     everything: bool,
     columns: Columns | None,
-) -> None:
-    """Adds the gradients of one view, whose radiance after all passes is ``image``."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Adds the gradients of images, and returns those of widths and kernels."""
     passes, guides = inputs.arrays()
-    light, gradients = array_of(scratch.light), Gradients(*map(array_of, sums))
-    no_factors = np.empty((0, 3, 1, 1), np.float32)
-    levels = list(_levels(inputs, columns))
-    is_ours = False  # the image: to be written to
+    count, levels = len(inputs.steps), list(_levels(inputs, columns))
+    widths, taps = np.zeros((count, 3)), np.zeros((count, 25))
+    image, no_factors = blended.image, np.empty((0, 3, 1, 1), np.float32)
+    fills = inputs.fill and everything
     for number in reversed(range(len(levels))):
-        level, own = levels[number], array_of(tape[number])
+        level, own = levels[number], array_of(blended.totals[number, 0])
         last = number + 1 == len(levels)
         if not level.is_whole and (last or levels[number + 1].chosen is not level.chosen):
-            array_of(scratch.light).fill(0)
-        if not level.is_whole and not is_ours:
-            image, is_ours = torch.from_numpy(copied(image[:, :3])), True
+            shares.light.fill(0)
         runs, unknown = level.runs, np.zeros(len(level.runs), np.bool_)
-        fills = inputs.fill and everything
         run(
             prepare_runs,
             len(runs),
             (
-                runs, passes, guides, array_of(image), gradients.image, gradients.mask, fills, own, not level.is_whole,
-                light, unknown,
+                runs, passes, guides, array_of(image), gradients.image, gradients.mask, fills, own, shares.light,
+                unknown,
             ),
             tile=TILE,
         )  # fmt: skip
-        if level.is_whole:
-            image, is_ours = tape[number] if number > 0 else inputs.radiance, False
+        image = blended.images[number - 1] if number > 0 else inputs.radiance
         several = inputs.factors is not None or inputs.kernels is not None or len(level.members) > 1
         differ = several or bool(unknown.any())  # widths, or kernels are wanted, which costs as much
         if differ:
             if not level.is_whole:
-                array_of(scratch.scales).fill(0)
-            run(scale_runs, len(runs), (runs, passes, guides, own, array_of(scratch.scales)), tile=TILE)
-        mask = tape[number, :, 4:].contiguous() if inputs.fill else inputs.mask
-        shares = Shares(light, array_of(scratch.scales), differ)
+                shares.scales.fill(0)
+            run(scale_runs, len(runs), (runs, passes, guides, own, shares.scales), tile=TILE)
+        mask = blended.totals[number, 1] if inputs.fill else inputs.mask
+        shares = shares._replace(differ=differ)
         arguments = passes, guides, array_of(image), array_of(mask), shares, everything, gradients
         run_widths, run_taps = _gather(level, columns, image.shape[2], arguments)
         if differ:
@@ -309,22 +299,22 @@ def _walk_back(
             taps[level.members[0]] += run_taps.sum(0)
         else:
             widths[level.members[0]] += run_widths.sum(0)
+    return widths, taps
 
 
 def _gather(
     level: _Level, columns: Columns | None, rows: int, arguments: tuple[Any, ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gathers the gradients of a level, and returns the sums for widths and taps, in parts."""
-    number = level.members[0]
+    number, blocks = level.members[0], level.chosen.shape[1]
     if columns is None:
         reached = in_order(runs_of(spread(level.chosen, level.step, rows), number), level.step, rows)
         sums = np.zeros((len(reached), 3)), np.zeros((len(reached), 25))
-        scratch = scratch_to_gather(level.chosen.shape[1], level.step)
-        tile, gather = runs_of_rows(TILE, reached), with_scratch(gather_runs, scratch)
-        run(gather, len(reached), (reached, level.step, *arguments, *sums), tile=tile)
+        gather = with_scratch(gather_runs, scratch_to_gather(blocks, level.step))
+        run(gather, len(reached), (reached, level.step, *arguments, *sums), tile=runs_of_rows(TILE, reached))
         return sums
-    pairs, offsets = columns.pairs(level.step, np.asarray(level.chosen.any(1)))
-    count = len(offsets) - 1
+    pairs, offsets = columns.pairs(level.step, np.asarray(level.chosen.reshape(-1, rows, blocks).any((0, 2))))
+    count = len(level.chosen) // rows * (len(offsets) - 1)
     sums = np.zeros((count, 3)), np.zeros((count, 25))
     run(
         gather_columns,
@@ -333,13 +323,6 @@ def _gather(
         tile=COLUMNS_TILE,
     )
     return sums
-
-
-def _view_of(inputs: Inputs, part: slice) -> Inputs:
-    """The inputs of one view."""
-    names = ("radiance", "normal", "position", "mask", "known", "region", "factors")
-    tensors = {name: getattr(inputs, name) for name in names}
-    return replace(inputs, **{name: tensor[part] for name, tensor in tensors.items() if tensor is not None})
 
 
 class _Level(NamedTuple):
@@ -360,7 +343,7 @@ def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
         labels = array_of(inputs.region).reshape(-1, width)
         run(mark_blocks, len(labels), (labels, marks), tile=64)
     found: dict[tuple[int, ...], Any] = {}
-    unlabelled = inputs.region is None if columns is None else columns.whole
+    unlabelled = inputs.region is None  # nor are cells of a polar raster, where some places are none
     for _, group in groupby(range(len(inputs.steps)), lambda number: inputs.levels[number]):
         members = list(group)
         labels_ = tuple(inputs.labels[number] for number in members)

@@ -46,7 +46,7 @@ def blend_polar_stack(inputs: Inputs, heights: Tensor, rotate: bool, *, save: bo
         save: Whether to keep what the way back needs.
 
     Returns:
-        The outcome, 0 below the columns' heights; ``tape`` has the shape (levels, v, 4 or 5, w, p) with p of
+        The outcome, 0 below the columns' heights; the last two dimensions of ``images`` and ``totals`` are w and p, of
         :func:`places_of`.
 
     Raises:
@@ -69,7 +69,8 @@ def blend_polar_stack(inputs: Inputs, heights: Tensor, rotate: bool, *, save: bo
         _back(blended.image, columns, height),
         _back(blended.known.view(torch.uint8), columns, height).view(torch.bool),
         _back(blended.mask, columns, height) if inputs.fill else inputs.mask,
-        blended.tape,
+        blended.images,
+        blended.totals,
     )
 
 
@@ -89,7 +90,7 @@ def return_polar_gradients(
         inputs: What the passes have read.
         heights: As in :func:`blend_polar_stack`.
         rotate: As there.
-        blended: Their outcome, with its tape.
+        blended: Their outcome, with what was saved of it.
         gradient: Gradient of the image, shape (v, 3, h, w).
         mask_gradient: Gradient of the mask, shape (v, 1, h, w), where passes fill it; ``None`` for 0.
         everything: Whether those of normal, position and mask are wanted.
@@ -148,7 +149,7 @@ def _columns(inputs: Inputs, heights: Tensor, rotate: bool) -> Columns:
     require_shapes("w", {"w": width}, heights=heights)
     least, most = int(heights.min()), int(heights.max())
     require(least >= 1 and most <= height, "heights", f"{least} to {most}", f"1 to {height}, the raster's height")
-    return Columns(np.array(heights.detach().numpy(), np.int64), rotate, inputs.region is None)
+    return Columns(np.array(heights.detach().numpy(), np.int64), rotate)
 
 
 def _transposed(inputs: Inputs, columns: Columns) -> Inputs:

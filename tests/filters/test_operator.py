@@ -313,9 +313,9 @@ class TestPyTorch:
             numbers = [1], [0], [0], fill, False, True
             arguments = (*leaves, inputs[3] > 0, region, row, factors, kernels, None, *numbers)
             torch.library.opcheck(torch.ops.fovden.atrous.default, arguments)
-            image, _, _, tape = torch.ops.fovden.atrous(*arguments)
+            image, _, _, *saved = torch.ops.fovden.atrous(*arguments)
             gradient, mask = torch.ones_like(image), torch.ones_like(inputs[3]) if fill else None
-            back = (gradient, mask, image.detach(), tape, True, *arguments[:-1])
+            back = (gradient, mask, image.detach(), *saved, True, *arguments[:-1])
             checks = ("test_schema", "test_faketensor", "test_autograd_registration")
             torch.library.opcheck(torch.ops.fovden.atrous_backward.default, back, test_utils=checks)
 

@@ -34,11 +34,10 @@ def arguments(*, fill=False, optional=False, save=True):
 @pytest.mark.parametrize("optional", [False, True])
 def test_it_keeps_its_contract(fill, optional):
     given = arguments(fill=fill, optional=optional)
-    given[9] = torch.full((8,), 16)  # what is no cell is not written to the tape, which is compared, too
     torch.library.opcheck(torch.ops.fovden.atrous.default, given)
-    image, _, mask, tape = torch.ops.fovden.atrous(*given)
+    image, _, mask, *saved = torch.ops.fovden.atrous(*given)
     seeds = torch.ones_like(image), torch.ones_like(mask) if fill else None
-    back = (*seeds, image.detach(), tape, True, *given[:-1])
+    back = (*seeds, image.detach(), *saved, True, *given[:-1])
     checks = ("test_schema", "test_faketensor", "test_autograd_registration")
     torch.library.opcheck(torch.ops.fovden.atrous_backward.default, back, test_utils=checks)
 
@@ -46,7 +45,7 @@ def test_it_keeps_its_contract(fill, optional):
 @pytest.mark.parametrize("fill", [False, True])
 def test_gradients_arrive_where_they_belong(fill):
     given = arguments(fill=fill, optional=True)
-    image, _, mask, _ = OPERATOR(*given)
+    image, _, mask, *_ = OPERATOR(*given)
     leaves = [each for each in given if isinstance(each, torch.Tensor) and each.requires_grad]
     got = torch.autograd.grad(image.square().sum() + mask.sum(), leaves)
     inputs = Inputs(*given[:9], *given[10:14])

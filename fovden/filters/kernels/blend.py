@@ -84,7 +84,7 @@ def view_of(number: Int, image: Any, mask: Any, known: Any, guides: Guides) -> V
     height, width = image.shape[2], image.shape[3]
     plane = height * width
     return View(
-        advanced(pointer_to(image), image.shape[1] * number * plane),
+        advanced(pointer_to(image), 3 * number * plane),
         advanced(pointer_to(mask), number * plane),
         advanced(pointer_to(known), number * plane),
         advanced(pointer_to(guides.normal), 3 * number * plane),
@@ -143,47 +143,41 @@ def scale_block_plain(
 @intrinsic
 def finish_block_vector(
     context: Any, sums: Any, image: Any, known: Any, labels: Any, plane: Any, at: Any, x: Any, width: Any, label: Any,
-    out: Any, next_mask: Any, fills: Any, tape: Any, tapes: Any, keeps: Any,
+    out: Any, next_mask: Any, fills: Any, totals: Any, saves: Any,
 ) -> Any:  # fmt: skip
     """Writes the block's means where it has the label, and the image's own values where nothing weighs.
 
-    On tape go, if it ``tapes``, the sum of weights, negative where a pixel had no value of its own; and the image's own
-    values, if it ``keeps`` them.
+    If it ``saves`` them, ``totals`` receive the sums of weights, negative where a pixel had no value of its own.
     """
 
     def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        (sums, image, known, labels, plane, at, x, width, label, out, next_mask, fills, tape, tapes,
-         keeps) = arguments  # fmt: skip
+        sums, image, known, labels, plane, at, x, width, label, out, next_mask, fills, totals, saves = arguments
         mask = in_row(builder, x, width)
         inside = have_label(builder, labels, at, label, mask)
-        places = [builder.add(at, builder.mul(plane, ir.Constant(I64, k))) for k in range(4)]
+        places = [builder.add(at, builder.mul(plane, ir.Constant(I64, k))) for k in range(3)]
         total = load(builder, sums, 3 * WIDTH, WIDTH)
         one = Lanes(builder, ir.Constant(total.value.type, [1.0] * WIDTH))
         filled = total > float(SMALLEST_TOTAL)
         share = one / filled.select(total, one)
-        own = [masked_load(builder, image, places[k], mask) for k in range(3)]
         has_value = masked_load(builder, known, at, mask) > 0.0
         for k in range(3):
-            mean = load(builder, sums, k * WIDTH, WIDTH) * share
-            masked_store(builder, filled.select(mean, own[k]), out, places[k], inside)
-        with builder.if_then(keeps):
-            for k in range(3):
-                masked_store(builder, own[k], tape, places[k], inside)
-        with builder.if_then(tapes):
-            masked_store(builder, has_value.select(total, total * -1.0), tape, places[3], inside)
+            mean, own = load(builder, sums, k * WIDTH, WIDTH) * share, masked_load(builder, image, places[k], mask)
+            masked_store(builder, filled.select(mean, own), out, places[k], inside)
+        with builder.if_then(saves):
+            masked_store(builder, has_value.select(total, total * -1.0), totals, at, inside)
         inside = builder.and_(inside, filled.value)
         masked_store(builder, one, known, at, inside)
         with builder.if_then(fills):
             masked_store(builder, one, next_mask, at, inside)
         return target.get_dummy_value()
 
-    return types.none(*[FLOATS] * 3, BYTES, *[WORD] * 5, FLOATS, FLOATS, YES, FLOATS, YES, YES), generate
+    return types.none(*[FLOATS] * 3, BYTES, *[WORD] * 5, FLOATS, FLOATS, YES, FLOATS, YES), generate
 
 
 @inlined
 def finish_block_plain(
     sums: Any, image: Any, known: Any, labels: Any, plane: Int, at: Int, x: Int, width: Int, label: Int, out: Any,
-    next_mask: Any, fills: bool, tape: Any, tapes: bool, keeps: bool,
+    next_mask: Any, fills: bool, totals: Any, saves: bool,
 ) -> None:  # fmt: skip
     """:data:`finish_block_vector`, one pixel after the other."""
     for lane in range(min(WIDTH, width - x)):
@@ -191,11 +185,8 @@ def finish_block_plain(
         if np.int64(labels[here]) != label:
             continue
         filled = total > SMALLEST_TOTAL
-        if keeps:
-            for k in range(3):
-                tape[here + k * plane] = image[here + k * plane]
-        if tapes:
-            tape[here + 3 * plane] = total if known[here] > ZERO else -total
+        if saves:
+            totals[here] = total if known[here] > ZERO else -total
         for k in range(3):
             out[here + k * plane] = sums[k * WIDTH + lane] / total if filled else image[here + k * plane]
         if filled:

@@ -160,8 +160,7 @@ def blend_runs(
     out: Any,
     next_mask: Any,
     fills: bool,
-    tape: Any,
-    keeps: bool,
+    totals: Any,
     scratch: Any,
 ) -> None:
     """Filters the blocks of the runs start .. stop - 1.
@@ -174,14 +173,14 @@ def blend_runs(
         step: Distance between taps.
         passes: The passes.
         guides: What else is looked at.
-        image: Radiance before the pass, (v, 3 or more, h, w).
+        image: Radiance before the pass, (v, 3, h, w).
         mask: Weights of the taps, (v, 1, h, w).
         known: Above 0 where a pixel has a value of its own; becomes 1 where one is filled, (v, 1, h, w).
-        out: Receives the radiance after the pass, (v, 3 or more, h, w).
+        out: Receives the radiance after the pass, (v, 3, h, w).
         next_mask: Receives 1 where a pixel is filled, if ``fills``, (v, 1, h, w).
         fills: Whether it does.
-        tape: Receives what the way back needs, (v, 4 or more, h, w); of no views if it is not needed.
-        keeps: Whether that includes the radiance before the pass, which is not there otherwise.
+        totals: Receives the sums of weights, negative where a pixel had no value of its own, (v, 1, h, w); of no
+            views if they are not needed.
         scratch: As many numbers as :func:`scratch_for` says, which no other thread uses.
     """
     if start == stop:
@@ -199,9 +198,9 @@ def blend_runs(
         which, y, name = row // height, row % height, number * image.shape[0] * height + row
         view = view_of(which, image, mask, known, guides)
         inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
-        view_out = advanced(pointer_to(out), out.shape[1] * which * view.plane)
+        view_out = advanced(pointer_to(out), 3 * which * view.plane)
         view_next = advanced(pointer_to(next_mask), which * view.plane)
-        view_tape = advanced(pointer_to(tape), tape.shape[1] * which * view.plane)
+        view_totals = advanced(pointer_to(totals), which * view.plane)
         order, symmetric = y // step, is_symmetric(taps)
         begin_row(kept, order, name)
         for j in range(5):
@@ -231,5 +230,5 @@ def blend_runs(
                 x = (left + block) * WIDTH
                 finish_block(
                     advanced(all_sums, SUMS * block), view.image, view.known, view.labels, view.plane, y * width + x, x,
-                    width, passes.labels[number], view_out, view_next, fills, view_tape, tape.shape[0] > 0, keeps,
+                    width, passes.labels[number], view_out, view_next, fills, view_totals, totals.shape[0] > 0,
                 )  # fmt: skip

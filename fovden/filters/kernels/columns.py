@@ -32,12 +32,10 @@ class Columns(NamedTuple):
     Attributes:
         heights: Number of rows of each, int64, (w).
         rotates: Whether what lies before column 0 is the column on the other side, half a turn away.
-        whole: Whether passes work on all cells, where they say nothing else.
     """
 
     heights: NDArray[np.int64]
     rotates: bool
-    whole: bool
 
     def beside(self, step: int) -> Beside:
         """The columns that taps stand in."""

@@ -99,38 +99,34 @@ def gather_beside(
 
 
 @inlined
-def gather_kept(
-    read: Read, everything: bool, at: Int, tap: Int, step: Int, inverse: Any, sums: Any, kept: Any, apart: Int
-) -> None:
+def gather_kept(read: Read, everything: bool, at: Int, tap: Int, step: Int, sums: Any, kept: Any, apart: Int) -> None:
     """The same for a row of five taps before the block, which have kept powers and T; widths have got theirs then."""
-    image, normal, position, weight, light, _, plane = read
+    image, normal, position, _, light, _, plane = read
     if not VECTORS:
-        gather_kept_plain(read, everything, at, tap, step, inverse, sums, kept, apart, 5)
+        gather_kept_plain(read, everything, at, tap, step, sums, kept, apart, 5)
     elif everything:
-        gather_kept_all(image, normal, position, weight, light, plane, at, tap, step, inverse, sums, kept, apart)
+        gather_kept_all(image, normal, position, light, plane, at, tap, step, sums, kept, apart)
     else:
-        gather_kept_light(image, normal, position, weight, light, plane, at, tap, step, inverse, sums, kept, apart)
+        gather_kept_light(image, normal, position, light, plane, at, tap, step, sums, kept, apart)
 
 
 @inlined
-def gather_left(
-    read: Read, everything: bool, at: Int, step: Int, inverse: Any, sums: Any, kept: Any, apart: Int
-) -> None:
+def gather_left(read: Read, everything: bool, at: Int, step: Int, sums: Any, kept: Any, apart: Int) -> None:
     """The same for the two taps to the left."""
-    image, normal, position, weight, light, _, plane = read
+    image, normal, position, _, light, _, plane = read
     if not VECTORS:
-        gather_kept_plain(read, everything, at, at, step, inverse, sums, kept, apart, 2)
+        gather_kept_plain(read, everything, at, at, step, sums, kept, apart, 2)
     elif everything:
-        gather_left_all(image, normal, position, weight, light, plane, at, at, step, inverse, sums, kept, apart)
+        gather_left_all(image, normal, position, light, plane, at, at, step, sums, kept, apart)
     else:
-        gather_left_light(image, normal, position, weight, light, plane, at, at, step, inverse, sums, kept, apart)
+        gather_left_light(image, normal, position, light, plane, at, at, step, sums, kept, apart)
 
 
 @inlined
 def gather_own(read: Read, at: Int, taps: Any, sums: Any) -> None:
     """The same for the tap that a pixel is itself; ``taps`` are those of its row."""
     if VECTORS:
-        gather_own_vector(read.image, read.weight, read.light, read.plane, at, taps, sums)
+        gather_own_vector(read.image, read.light, read.plane, at, taps, sums)
     else:
         gather_own_plain(read, at, taps, sums)
 

@@ -11,11 +11,11 @@ from numba.extending import intrinsic
 from fovden.filters.kernels.blend import CHANNELS, LOG2_E, MASK, NORMAL
 from fovden.filters.kernels.lanes import WIDTH, WORD, exp2, line_at, number_at, read
 from fovden.filters.kernels.pairs import line_of
-from fovden.filters.kernels.shares import HALF_LOG2_E
+from fovden.filters.kernels.shares import MOVED
 from fovden.simd import FLOATS, I64, Lanes, fused, load, store
 
 
-def _pull(builder: Any, light: list[Lanes], image: list[Lanes]) -> Lanes:
+def _pull(light: list[Lanes], image: list[Lanes]) -> Lanes:
     """G . c - h."""
     total = light[3]
     for k in range(3):
@@ -23,12 +23,19 @@ def _pull(builder: Any, light: list[Lanes], image: list[Lanes]) -> Lanes:
     return total
 
 
-def _move(total: list[Lanes], moved: Lanes, light: list[Lanes], changes: list[Lanes], apart: list[list[Lanes]]) -> None:
+def _sums(builder: Any, sums: Any, everything: bool) -> dict[int, Lanes]:
+    """A block's sums, by their places."""
+    channels = [*range(CHANNELS if everything else NORMAL), *range(MOVED, MOVED + 3)]
+    return {k: load(builder, sums, k * WIDTH, WIDTH) for k in channels}
+
+
+def _add(total: dict[int, Lanes], power: Lanes, light: list[Lanes], changes: list[Lanes], apart: Any) -> None:
     """Adds what a tap hands back of radiance and guides."""
+    for k in range(3):
+        total[MOVED + k] = fused(power, light[k], total[MOVED + k])
     for g, change in enumerate(changes):
         for k in range(3):
-            before = total[3 * g + k] if g > 0 else fused(moved, light[k], total[k])
-            total[3 * g + k] = fused(change, apart[g][k], before)
+            total[3 * g + k] = fused(change, apart[g][k], total[3 * g + k])
 
 
 def _differences(here: Any, there: Any) -> list[list[Lanes]]:
@@ -50,8 +57,7 @@ def _gather_taps(shifts: tuple[int, ...], everything: bool) -> Any:
             here = [read(builder, guide, at, plane) for guide in guides]
             own_light, own_weight = read(builder, light, at, plane, 4), load(builder, weight, at, WIDTH, align=4)
             scale = [number_at(builder, inverse, k) * -float(LOG2_E) for k in range(3)]
-            count = CHANNELS if everything else NORMAL
-            total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(count)]
+            total = _sums(builder, sums, everything)
             width = [load(builder, widths, k * WIDTH, WIDTH) for k in range(3)]
             for number, i in enumerate(shifts):
                 place = builder.add(tap, builder.mul(step, ir.Constant(I64, i)))
@@ -63,19 +69,19 @@ def _gather_taps(shifts: tuple[int, ...], everything: bool) -> Any:
                 for g in range(3):
                     q = fused(squares[g], scale[g], q)
                 power = exp2(q)
-                back, back_light = power * own_weight, _pull(builder, its_light, here[0])
                 forth = power * load(builder, weight, place, WIDTH, align=4)
-                both = forth * _pull(builder, own_light, there[0]) + back * back_light
+                back_light = _pull(its_light, here[0])
+                back = power * own_weight * back_light
+                both = forth * _pull(own_light, there[0]) + back  # not fused: the same from either side
                 store(builder, power, line_at(builder, kept, apart, number))
                 store(builder, both, line_at(builder, kept, apart, len(shifts) + number))
-                changes = [scale[g] * both for g in range(3 if everything else 1)]
-                _move(total, back * float(HALF_LOG2_E), its_light, changes, d)
+                _add(total, power, its_light, [both] * (3 if everything else 1), d)
                 for g in range(3):
                     width[g] = fused(both, squares[g], width[g])
                 if everything:
                     total[MASK] = fused(power, back_light, total[MASK])
-            for k in range(count):
-                store(builder, total[k], sums, k * WIDTH)
+            for k, each in total.items():
+                store(builder, each, sums, k * WIDTH)
             for k in range(3):
                 store(builder, width[k], widths, k * WIDTH)
             return target.get_dummy_value()
@@ -90,17 +96,14 @@ def _gather_kept(shifts: tuple[int, ...], everything: bool) -> Any:
 
     @intrinsic
     def gather(
-        context: Any, image: Any, normal: Any, position: Any, weight: Any, light: Any, plane: Any, at: Any, tap: Any,
-        step: Any, inverse: Any, sums: Any, kept: Any, apart: Any,
+        context: Any, image: Any, normal: Any, position: Any, light: Any, plane: Any, at: Any, tap: Any, step: Any,
+        sums: Any, kept: Any, apart: Any,
     ) -> Any:  # fmt: skip
         def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            image, normal, position, weight, light, plane, at, tap, step, inverse, sums, kept, apart = arguments
+            image, normal, position, light, plane, at, tap, step, sums, kept, apart = arguments
             guides = [image, normal, position][: 3 if everything else 1]
             here = [read(builder, guide, at, plane) for guide in guides]
-            own_weight = load(builder, weight, at, WIDTH, align=4)
-            scale = [number_at(builder, inverse, k) * -float(LOG2_E) for k in range(len(guides))]
-            count = CHANNELS if everything else NORMAL
-            total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(count)]
+            total = _sums(builder, sums, everything)
             for i in shifts:
                 shift = builder.mul(step, ir.Constant(I64, i))
                 place, line = builder.add(tap, shift), line_of(i, beside=len(shifts) == 2)
@@ -108,36 +111,33 @@ def _gather_kept(shifts: tuple[int, ...], everything: bool) -> Any:
                 both = load(builder, line_at(builder, kept, apart, len(shifts) + line), shift, WIDTH, align=4)
                 d = _differences(here, [read(builder, guide, place, plane) for guide in guides])
                 its_light = read(builder, light, place, plane, 4 if everything else 3)
-                moved = power * own_weight * float(HALF_LOG2_E)
-                _move(total, moved, its_light, [each * both for each in scale], d)
+                _add(total, power, its_light, [both] * len(guides), d)
                 if everything:
-                    total[MASK] = fused(power, _pull(builder, its_light, here[0]), total[MASK])
-            for k in range(count):
-                store(builder, total[k], sums, k * WIDTH)
+                    total[MASK] = fused(power, _pull(its_light, here[0]), total[MASK])
+            for k, each in total.items():
+                store(builder, each, sums, k * WIDTH)
             return target.get_dummy_value()
 
-        return types.none(*[FLOATS] * 5, *[WORD] * 4, *[FLOATS] * 3, WORD), generate
+        return types.none(*[FLOATS] * 4, *[WORD] * 4, *[FLOATS] * 2, WORD), generate
 
     return gather
 
 
 @intrinsic
-def gather_own_vector(
-    context: Any, image: Any, weight: Any, light: Any, plane: Any, at: Any, taps: Any, sums: Any
-) -> Any:
+def gather_own_vector(context: Any, image: Any, light: Any, plane: Any, at: Any, taps: Any, sums: Any) -> Any:
     """Gathers from the tap that a pixel is itself; ``taps`` are those of its row."""
 
     def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        image, weight, light, plane, at, taps, sums = arguments
+        image, light, plane, at, taps, sums = arguments
         power, own_light = exp2(number_at(builder, taps, 2)), read(builder, light, at, plane, 4)
-        moved = power * load(builder, weight, at, WIDTH, align=4) * float(HALF_LOG2_E)
-        for k in range(3):
-            store(builder, fused(moved, own_light[k], load(builder, sums, k * WIDTH, WIDTH)), sums, k * WIDTH)
-        pulled = _pull(builder, own_light, read(builder, image, at, plane))
-        store(builder, fused(power, pulled, load(builder, sums, MASK * WIDTH, WIDTH)), sums, MASK * WIDTH)
+        total = _sums(builder, sums, everything=True)
+        _add(total, power, own_light, [], [])
+        total[MASK] = fused(power, _pull(own_light, read(builder, image, at, plane)), total[MASK])
+        for k, each in total.items():
+            store(builder, each, sums, k * WIDTH)
         return target.get_dummy_value()
 
-    return types.none(*[FLOATS] * 3, WORD, WORD, FLOATS, FLOATS), generate
+    return types.none(FLOATS, FLOATS, WORD, WORD, FLOATS, FLOATS), generate
 
 
 @intrinsic
@@ -154,7 +154,7 @@ def gather_differing_vector(
         here = [read(builder, guide, at, plane) for guide in guides]
         own_light, own_weight = read(builder, light, at, plane, 4), load(builder, weight, at, WIDTH, align=4)
         own_scale = read(builder, scales, at, plane)
-        total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(CHANNELS)]
+        total = _sums(builder, sums, everything=True)
         width = [load(builder, widths, k * WIDTH, WIDTH) for k in range(3)]
         for i in range(5):
             place = builder.add(tap, builder.mul(step, ir.Constant(I64, i - 2)))
@@ -165,18 +165,18 @@ def gather_differing_vector(
             q, q_back = number_at(builder, taps, i), number_at(builder, back, 4 - i)
             for g in range(3):
                 q, q_back = fused(squares[g], own_scale[g], q), fused(squares[g], its_scale[g], q_back)
-            power_back, back_light = exp2(q_back), _pull(builder, its_light, here[0])
-            pulled = exp2(q) * load(builder, weight, place, WIDTH, align=4) * _pull(builder, own_light, there[0])
-            back_ = power_back * own_weight
-            pushed = back_ * back_light
+            power_back = exp2(q_back)
+            pulled = exp2(q) * load(builder, weight, place, WIDTH, align=4) * _pull(own_light, there[0])
+            back_light = _pull(its_light, here[0])
+            pushed = power_back * own_weight * back_light
             changes = [fused(its_scale[g], pushed, own_scale[g] * pulled) for g in range(3)]
-            _move(total, back_ * float(HALF_LOG2_E), its_light, changes, d)
+            _add(total, power_back, its_light, changes, d)
             for g in range(3):
                 width[g] = fused(pulled, squares[g], width[g])
             total[MASK] = fused(power_back, back_light, total[MASK])
             store(builder, load(builder, tap_sums, i * WIDTH, WIDTH) + pulled, tap_sums, i * WIDTH)
-        for k in range(CHANNELS):
-            store(builder, total[k], sums, k * WIDTH)
+        for k, each in total.items():
+            store(builder, each, sums, k * WIDTH)
         for k in range(3):
             store(builder, width[k], widths, k * WIDTH)
         return target.get_dummy_value()

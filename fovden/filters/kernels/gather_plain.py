@@ -7,7 +7,7 @@ from typing import Any
 from fovden.filters.kernels.blend import LOG2_E, MASK
 from fovden.filters.kernels.lanes import WIDTH, ZERO, exp2_plain
 from fovden.filters.kernels.pairs import line_of_plain
-from fovden.filters.kernels.shares import HALF_LOG2_E, Read
+from fovden.filters.kernels.shares import MOVED, Read
 from fovden.jit import Int, inlined
 from fovden.simd import stack_floats
 
@@ -33,15 +33,17 @@ def pull_plain(read: Read, a: Int, b: Int) -> Any:
 
 
 @inlined
-def move_plain(read: Read, a: Int, b: Int, moved: Any, changes: Any, everything: bool, sums: Any, lane: Int) -> None:
-    """Adds what a tap hands back of radiance and guides."""
+def add_plain(read: Read, a: Int, b: Int, power: Any, changes: Any, everything: bool, sums: Any, lane: Int) -> None:
+    """Adds what a tap hands back of radiance and guides, and of the mask."""
+    for k in range(3):
+        sums[(MOVED + k) * WIDTH + lane] += power * read.light[b + k * read.plane]
     for g in range(3 if everything else 1):
         feature = (read.image, read.normal, read.position)[g]
         for k in range(3):
             place = (3 * g + k) * WIDTH + lane
-            if g == 0:
-                sums[place] += moved * read.light[b + k * read.plane]
             sums[place] += changes[g] * (feature[a + k * read.plane] - feature[b + k * read.plane])
+    if everything:
+        sums[MASK * WIDTH + lane] += power * pull_plain(read, b, a)
 
 
 @inlined
@@ -51,7 +53,6 @@ def gather_plain(
 ) -> None:  # fmt: skip
     """Adds what a row of five taps hands back to a block's sums, or the two to the right, one pixel after the other.
 
-    The formulas of the module's docstring, but for a factor of 2 ln 2, which comes when they are handed back.
     ``widths`` receive T e, of both pixels of a pair; ``kept`` receives the powers and T, ``apart`` from each other.
     """
     squares, changes = stack_floats(3), stack_floats(3)
@@ -63,21 +64,19 @@ def gather_plain(
             for g in range(3):
                 q += squares[g] * (-LOG2_E * inverse[g])
             power = exp2_plain(q)
-            back, back_light = power * read.weight[a], pull_plain(read, b, a)
-            both = power * read.weight[b] * pull_plain(read, a, b) + back * back_light
+            back = power * read.weight[a] * pull_plain(read, b, a)
+            both = power * read.weight[b] * pull_plain(read, a, b) + back
             kept[number * apart + lane], kept[(count + number) * apart + lane] = power, both
             for g in range(3):
-                changes[g] = -LOG2_E * inverse[g] * both
+                changes[g] = both
                 widths[g * WIDTH + lane] += both * squares[g]
-            move_plain(read, a, b, back * HALF_LOG2_E, changes, everything, sums, lane)
-            sums[MASK * WIDTH + lane] += power * back_light
+            add_plain(read, a, b, power, changes, everything, sums, lane)
 
 
 @inlined
 def gather_kept_plain(
-    read: Read, everything: bool, at: Int, tap: Int, step: Int, inverse: Any, sums: Any, kept: Any, apart: Int,
-    count: Int,
-) -> None:  # fmt: skip
+    read: Read, everything: bool, at: Int, tap: Int, step: Int, sums: Any, kept: Any, apart: Int, count: Int
+) -> None:
     """The same for a row of five taps, or the two to the left, that have kept what the pairs have in common."""
     changes = stack_floats(3)
     for number in range(count):
@@ -87,20 +86,18 @@ def gather_kept_plain(
             a, b, place = at + lane, tap + lane + i * step, line * apart + i * step + lane
             power, both = kept[place], kept[place + count * apart]
             for g in range(3):
-                changes[g] = -LOG2_E * inverse[g] * both
-            move_plain(read, a, b, power * read.weight[a] * HALF_LOG2_E, changes, everything, sums, lane)
-            sums[MASK * WIDTH + lane] += power * pull_plain(read, b, a)
+                changes[g] = both
+            add_plain(read, a, b, power, changes, everything, sums, lane)
 
 
 @inlined
 def gather_own_plain(read: Read, at: Int, taps: Any, sums: Any) -> None:
     """The same for the tap that a pixel is itself."""
-    power = exp2_plain(taps[2])
+    nothing = stack_floats(3)
+    for g in range(3):
+        nothing[g] = ZERO
     for lane in range(WIDTH):
-        for k in range(3):
-            moved = power * read.weight[at + lane] * HALF_LOG2_E
-            sums[k * WIDTH + lane] += moved * read.light[at + lane + k * read.plane]
-        sums[MASK * WIDTH + lane] += power * pull_plain(read, at + lane, at + lane)
+        add_plain(read, at + lane, at + lane, exp2_plain(taps[2]), nothing, True, sums, lane)
 
 
 @inlined
@@ -120,12 +117,11 @@ def gather_differing_plain(
             for g in range(3):
                 q += squares[g] * read.scales[a + g * plane]
                 q_back += squares[g] * read.scales[b + g * plane]
-            power_back, back_light = exp2_plain(q_back), pull_plain(read, b, a)
+            power_back = exp2_plain(q_back)
             pulled = exp2_plain(q) * read.weight[b] * pull_plain(read, a, b)
-            pushed = power_back * read.weight[a] * back_light
+            pushed = power_back * read.weight[a] * pull_plain(read, b, a)
             for g in range(3):
                 changes[g] = read.scales[a + g * plane] * pulled + read.scales[b + g * plane] * pushed
                 widths[g * WIDTH + lane] += pulled * squares[g]
-            move_plain(read, a, b, power_back * read.weight[a] * HALF_LOG2_E, changes, True, sums, lane)
-            sums[MASK * WIDTH + lane] += power_back * back_light
+            add_plain(read, a, b, power_back, changes, True, sums, lane)
             tap_sums[i * WIDTH + lane] += pulled

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from fovden.filters.kernels.back import TAP_SUMS, Gradients, hand_back
 from fovden.filters.kernels.blend import ONE, Guides, Passes, View, view_of
 from fovden.filters.kernels.blend_rows import ask_for, copy_pixels
 from fovden.filters.kernels.columns import aligned
@@ -19,6 +18,7 @@ from fovden.filters.kernels.gather import (
     gather_own,
     gather_row,
 )
+from fovden.filters.kernels.hand_back import Gradients, gradients_of, hand_back
 from fovden.filters.kernels.lanes import WIDTH, ZERO
 from fovden.filters.kernels.pairs import (
     AFTER_NEXT,
@@ -48,9 +48,12 @@ from fovden.filters.kernels.shares import (
     LIGHT,
     SCALES,
     SUMS,
+    TAP_SUMS,
     WIDTHS,
     Shares,
+    handed_of,
     read_from,
+    write_factors,
 )
 from fovden.jit import Int, inlined, kernel
 from fovden.simd import advanced, pointer_to, prefetch, stack_floats, stack_words
@@ -66,7 +69,7 @@ def scratch_to_gather(blocks: int, step: int) -> int:
 
 @inlined
 def gather_five(
-    rows: Rows, kept: Kept, places: Any, j: Int, block: Int, order: Int, y: Int, differ: bool, everything: bool,
+    rows: Rows, kept: Kept, places: Any, j: Int, block: Int, order: Int, name: Int, differ: bool, everything: bool,
     inverse: Any, taps: Any, sums: Any, tap_sums: Any,
 ) -> None:  # fmt: skip
     """Gathers from the j-th of five rows of taps, at ``places``, with what it has kept for the block if it has.
@@ -81,12 +84,12 @@ def gather_five(
         gather_differing(read, at, tap, step, row_taps, back, sums, widths, row_sums)
     elif j == 2:
         gather_own(read, at, row_taps, sums)
-        if is_ready(kept, order, y, block - reach, block):  # else nothing to the left has been read, or has read
+        if is_ready(kept, order, name, block - reach, block):  # else nothing to the left has been read, or has read
             own = advanced(lines, slot_in(kept, order))
-            gather_left(read, everything, at, step, inverse, sums, own, apart)
-    elif j < 2 and is_ready(kept, order + away, y + away * step, block - reach, block + reach):
+            gather_left(read, everything, at, step, sums, own, apart)
+    elif j < 2 and is_ready(kept, order + away, name + away * step, block - reach, block + reach):
         its = advanced(lines, slot_in(kept, order + away) + NUMBERS * (AFTER_NEXT if j == 0 else NEXT) * apart)
-        gather_kept(read, everything, at, tap, step, inverse, sums, its, apart)
+        gather_kept(read, everything, at, tap, step, sums, its, apart)
     else:
         own, between, its_widths = kept.scrap, np.int64(WIDTH), stack_floats(WIDTHS)
         if j > 2:
@@ -99,9 +102,9 @@ def gather_five(
 def copy_shares(view: View, shares: Shares, rows: Rows, y: Int) -> None:
     """Copies what a row of taps is asked for on the way back."""
     copy_pixels(view, rows, y)
-    copy_row(pointer_to(shares.light), view.plane, 4, y, view.width, rows, LIGHT)
+    copy_row(shares.light, view.plane, 4, y, view.width, rows, LIGHT)
     if shares.differ:
-        copy_row(pointer_to(shares.scales), view.plane, 3, y, view.width, rows, SCALES)
+        copy_row(shares.scales, view.plane, 3, y, view.width, rows, SCALES)
 
 
 @inlined
@@ -147,13 +150,13 @@ def gather_runs(
     Args:
         start: First run.
         stop: End of the runs.
-        runs: Row, first block, end of the blocks and number of the pass, (n, 4), of a single view and pass; in the
-            order of :func:`fovden.filters.kernels.rows.in_order`.
+        runs: Row, counted through all views, first block, end of the blocks and number of the pass, (n, 4), of a
+            single pass; in the order of :func:`fovden.filters.kernels.rows.in_order`.
         step: Distance between taps.
         passes: The passes.
-        guides: What else was looked at, of that view.
-        image: Its radiance before the pass, (1, 3 or more, h, w).
-        mask: Weights of the taps, (1, 1, h, w).
+        guides: What else was looked at.
+        image: Radiance before the pass, (v, 3, h, w).
+        mask: Weights of the taps, (v, 1, h, w).
         shares: What the pass's pixels hand back.
         everything: Whether the gradients of normal, position and mask are wanted too.
         gradients: Receives the gradients.
@@ -169,44 +172,47 @@ def gather_runs(
     channels: Int = ALL_CHANNELS if differ else SCALES
     floats = pointer_to(aligned(scratch))
     rows = rows_for(floats, channels, leftmost, rightmost, step)
-    blocks = -(-image.shape[3] // WIDTH)
-    kept = kept_for(advanced(floats, SLOTS * channels * rows.apart), NUMBERS, rightmost, rows, blocks)
-    view, light = view_of(0, image, mask, mask, guides), pointer_to(shares.light)
+    height, width = image.shape[2], image.shape[3]
+    kept = kept_for(advanced(floats, SLOTS * channels * rows.apart), NUMBERS, rightmost, rows, -(-width // WIDTH))
+    factors = stack_floats(3)
     for run in range(start, stop):
-        y, number = np.int64(runs[run, 0]), np.int64(runs[run, 3])
-        first, end, order = np.int64(runs[run, 1]), np.int64(runs[run, 2]), y // step
-        width, plane = view.width, view.plane
+        row, first = np.int64(runs[run, 0]), np.int64(runs[run, 1])
+        end, number = np.int64(runs[run, 2]), np.int64(runs[run, 3])
+        which, y = row // height, row % height
+        view, order = view_of(which, image, mask, mask, guides), y // step
+        handed, own = handed_of(which, shares, view.plane), gradients_of(which, gradients, view.plane)
         inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
+        write_factors(differ, inverse, factors)
         for k in range(TAP_SUMS):
             run_taps[k] = ZERO
         for k in range(WIDTHS):
             run_widths[k] = ZERO
-        begin_row(kept, order, y)
+        begin_row(kept, order, row)
         for j in range(5):
-            v = y + (j - 2) * step
-            places[j] = slot_of(rows, v)
-            if 0 <= v < view.height and is_new(rows, v, v):
-                copy_shares(view, shares, rows, v)
+            away = (j - 2) * step
+            places[j] = slot_of(rows, y + away)
+            if 0 <= y + away < height and is_new(rows, y + away, row + away):
+                copy_shares(view, handed, rows, y + away)
         for left in range(first, end, BLOCKS):
             count: Int = min(BLOCKS, end - left)
             for k in range(count * BLOCK_SUMS):
                 all_sums[k] = ZERO
             for block in range(count):
                 begin_block(
-                    view, light, rows, kept, y, left + block, order, places[2], differ, everything, inverse, taps,
-                    advanced(all_sums, BLOCK_SUMS * block),
+                    view, handed.light, rows, kept, y, left + block, order, places[2], differ, everything, inverse,
+                    taps, advanced(all_sums, BLOCK_SUMS * block),
                 )  # fmt: skip
             for j in range(5):
-                if not 0 <= y + (j - 2) * step < view.height:
+                if not 0 <= y + (j - 2) * step < height:
                     continue
                 for block in range(count):
                     gather_five(
-                        rows, kept, places, j, left + block, order, y, differ, everything, inverse, taps,
+                        rows, kept, places, j, left + block, order, row, differ, everything, inverse, taps,
                         advanced(all_sums, BLOCK_SUMS * block), run_taps,
                     )  # fmt: skip
             for block in range(count):
                 x, sums = (left + block) * WIDTH, advanced(all_sums, BLOCK_SUMS * block)
-                hand_back(sums, differ, everything, plane, y * width + x, x, width, gradients)
+                hand_back(sums, factors, differ, everything, view.mask, view.plane, y * width + x, x, width, own)
                 for k in range(WIDTHS):
                     run_widths[k] += sums[SUMS + k]
         for lane in range(WIDTH):

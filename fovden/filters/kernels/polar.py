@@ -144,8 +144,7 @@ def blend_columns(
     out: Any,
     next_mask: Any,
     fills: bool,
-    tape: Any,
-    keeps: bool,
+    totals: Any,
 ) -> None:
     """Filters the blocks of the runs start .. stop - 1, which are parts of columns.
 
@@ -157,27 +156,26 @@ def blend_columns(
         step: Distance between taps.
         passes: The passes; their kernels are transposed, too.
         guides: What else is looked at.
-        image: As in :func:`fovden.filters.kernels.blend.blend_runs`, transposed, like what follows.
+        image: As in :func:`fovden.filters.kernels.blend_rows.blend_runs`, transposed, like what follows.
         mask: As there.
         known: As there.
         out: As there.
         next_mask: As there.
         fills: As there.
-        tape: As there.
-        keeps: As there.
+        totals: As there.
     """
     desk = desk_for(CHANNELS, BLOCKS * WIDTH, step)
     all_sums, all_scales, scrap = stack_floats(ALL_SUMS), stack_floats(ALL_SCALES), stack_floats(SCRAP)
-    tapes = tape.shape[0] > 0
+    saves = totals.shape[0] > 0
     for run in range(start, stop):
         which, column = np.int64(runs[run, 0]) // image.shape[2], np.int64(runs[run, 0]) % image.shape[2]
         number, end = np.int64(runs[run, 3]), np.int64(runs[run, 2])
         view, height = view_of(which, image, mask, known, guides), beside.heights[column]
         plane = view.plane
         inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
-        view_out = advanced(pointer_to(out), out.shape[1] * which * plane)
+        view_out = advanced(pointer_to(out), 3 * which * plane)
         view_next = advanced(pointer_to(next_mask), which * plane)
-        view_tape = advanced(pointer_to(tape), tape.shape[1] * which * plane)
+        view_totals = advanced(pointer_to(totals), which * plane)
         for left in range(np.int64(runs[run, 1]), end, BLOCKS):
             blocks: Int = min(BLOCKS, end - left)
             first = left * WIDTH
@@ -195,5 +193,5 @@ def blend_columns(
                 x = block * WIDTH
                 finish_block(
                     advanced(all_sums, SUMS * block), view.image, view.known, view.labels, plane, at + x, first + x,
-                    height, passes.labels[number], view_out, view_next, fills, view_tape, tapes, keeps,
+                    height, passes.labels[number], view_out, view_next, fills, view_totals, saves,
                 )  # fmt: skip

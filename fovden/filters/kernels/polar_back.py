@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from fovden.filters.kernels.back import TAP_SUMS, Gradients, hand_back
 from fovden.filters.kernels.blend import CHANNELS, MASK, NORMAL, Guides, Passes, View, view_of
 from fovden.filters.kernels.columns import BACK, FORTH, aligned, clear_strip, find_rows, read_strip
 from fovden.filters.kernels.gather import gather_differing, gather_row
+from fovden.filters.kernels.hand_back import Gradients, gradients_of, hand_back
 from fovden.filters.kernels.lanes import WIDTH, ZERO
 from fovden.filters.kernels.pairs import SCRAP
 from fovden.filters.kernels.polar import Desk, desk_for, read_guides
@@ -23,11 +23,15 @@ from fovden.filters.kernels.shares import (
     ALL_CHANNELS,
     BLOCK_SUMS,
     LIGHT,
+    MOVED,
     SCALES,
     SUMS,
+    TAP_SUMS,
     WIDTHS,
     Shares,
+    handed_of,
     read_from,
+    write_factors,
 )
 from fovden.jit import Int, inlined, kernel
 from fovden.simd import advanced, pointer_to, stack_floats
@@ -63,17 +67,17 @@ def read_pair(
 def read_all(
     view: View, shares: Shares, column: Int, count: Int, height: Int, agrees: bool, shines: bool, desk: Desk, place: Int
 ) -> None:
-    """Reads a strip with what its cells hand back, which is nothing unless it ``shines``."""
+    """Reads a strip with what its cells hand back, pointers to its view's, which is nothing unless it ``shines``."""
     read_guides(view, column, desk.rows, count, height, agrees, desk, place)
     at, apart, out = column * view.width, desk.apart, advanced(pointer_to(desk.strips), place)
+    light = advanced(out, LIGHT * apart)
     if shines:
-        light = advanced(pointer_to(shares.light), at)
-        read_strip(light, view.plane, 4, desk.rows, count, height, agrees, advanced(out, LIGHT * apart), apart)
+        read_strip(advanced(shares.light, at), view.plane, 4, desk.rows, count, height, agrees, light, apart)
     else:
-        clear_strip(4, count, advanced(out, LIGHT * apart), apart)
+        clear_strip(4, count, light, apart)
     if shares.differ:
-        scales = advanced(pointer_to(shares.scales), at)
-        read_strip(scales, view.plane, 3, desk.rows, count, height, agrees, advanced(out, SCALES * apart), apart)
+        scales = advanced(out, SCALES * apart)
+        read_strip(advanced(shares.scales, at), view.plane, 3, desk.rows, count, height, agrees, scales, apart)
 
 
 @inlined
@@ -84,6 +88,7 @@ def fold(sums: Any, rows: Any, count: Int, everything: bool, own_sums: Any) -> N
         source, target = j // WIDTH * BLOCK_SUMS + j % WIDTH, row // WIDTH * BLOCK_SUMS + row % WIDTH
         for k in range(3):
             own_sums[target + k * WIDTH] += sums[source + k * WIDTH]
+            own_sums[target + (MOVED + k) * WIDTH] += sums[source + (MOVED + k) * WIDTH]
             own_sums[target + SUMS + k * WIDTH] += sums[source + SUMS + k * WIDTH]
         if everything:
             for k in range(NORMAL, CHANNELS):
@@ -112,14 +117,14 @@ def gather_columns(
     """Gathers gradients in columns, of those of their pairs.
 
     Args:
-        start: First column, counted among those that have pairs.
+        start: First column, counted among those that have pairs, through all views.
         stop: End of the columns.
         heights: Number of rows of each column of the raster, (w).
         pairs: As of :meth:`fovden.filters.kernels.columns.Columns.pairs`.
         offsets: Where the pairs of each column begin, and end.
         number: Number of the pass.
         step: Distance between taps.
-        passes: As in :func:`fovden.filters.kernels.back.gather_runs`, like what follows.
+        passes: As in :func:`fovden.filters.kernels.gather_rows.gather_runs`, like what follows.
         guides: As there.
         image: As there.
         mask: As there.
@@ -135,9 +140,14 @@ def gather_columns(
     run_taps, run_widths = stack_floats(TAP_SUMS), stack_floats(WIDTHS)
     scrap = stack_floats(SCRAP)
     inverse, taps = advanced(pointer_to(passes.inverse), 3 * number), advanced(pointer_to(passes.taps), 25 * number)
-    view = view_of(0, image, mask, mask, guides)
+    factors, count = stack_floats(3), len(offsets) - 1
+    write_factors(shares.differ, inverse, factors)
     for item in range(start, stop):
-        column = pairs[offsets[item], 0]
+        which, among = item // count, item % count
+        view = view_of(which, image, mask, mask, guides)
+        handed, its = handed_of(which, shares, view.plane), gradients_of(which, gradients, view.plane)
+        first, end = offsets[among], offsets[among + 1]
+        column = pairs[first, 0]
         height, at = heights[column], column * view.width
         for k in range(room):
             floats[k] = ZERO
@@ -145,10 +155,10 @@ def gather_columns(
             run_taps[k] = ZERO
         for k in range(WIDTHS):
             run_widths[k] = ZERO
-        for pair in range(offsets[item], offsets[item + 1]):
+        for pair in range(first, end):
             other, turned, tap, kind = pairs[pair, 1], pairs[pair, 2], pairs[pair, 3], pairs[pair, 4]
             own = kind != BACK  # these come first
-            read_pair(view, shares, desk, heights, step, column, other, turned, kind, own and pair > offsets[item])
+            read_pair(view, handed, desk, heights, step, column, other, turned, kind, own and pair > first)
             frame = height if own else heights[other]
             sums = advanced(pointer_to(floats), 0 if own else room)
             if not own:
@@ -170,7 +180,7 @@ def gather_columns(
                 fold(sums, desk.rows, frame, everything, pointer_to(floats))
         for block in range(-(-height // WIDTH)):
             x, sums = block * WIDTH, advanced(pointer_to(floats), BLOCK_SUMS * block)
-            hand_back(sums, shares.differ, everything, view.plane, at + x, x, height, gradients)
+            hand_back(sums, factors, shares.differ, everything, view.mask, view.plane, at + x, x, height, its)
             for k in range(WIDTHS):
                 run_widths[k] += sums[SUMS + k]
         for lane in range(WIDTH):

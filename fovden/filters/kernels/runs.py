@@ -25,12 +25,12 @@ def mark_blocks(start: Int, stop: Int, labels: Any, marks: Any) -> None:
 
 def runs_of(chosen: NDArray[np.bool_], number: int) -> NDArray[np.int32]:
     """Rows (row, first block, end of the blocks, number) of the chosen blocks, shape (rows, blocks)."""
-    padded = np.zeros((len(chosen), chosen.shape[1] + 2), np.int8)
-    padded[:, 1:-1] = chosen
-    change = np.diff(padded, axis=1)
-    row, first = np.nonzero(change == 1)
-    end = np.nonzero(change == -1)[1]
-    return np.stack([row, first, end, np.full_like(row, number)], axis=1).astype(np.int32)
+    apart = chosen.shape[1] + 1  # a place that is not chosen ends each row
+    padded = np.zeros(len(chosen) * apart + 1, np.bool_)
+    padded[1:].reshape(-1, apart)[:, :-1] = chosen
+    change = np.flatnonzero(padded[1:] != padded[:-1])
+    row, first = np.divmod(change[::2], apart)
+    return np.stack([row, first, change[1::2] - row * apart, np.full_like(row, number)], axis=1).astype(np.int32)
 
 
 def runs_of_rows(rows: int, runs: NDArray[np.int32]) -> int:

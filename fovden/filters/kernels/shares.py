@@ -1,6 +1,7 @@
 """What a pass hands back on the way back, and where the sums of it are: in the order of the channels that it has read.
 
-Derivatives of powers of two leave out 2 ln 2 until the end; what comes by another way is divided by it before.
+What is the same for all taps of a pixel is left out of the sums, and multiplied when they are handed back: its weight
+as a tap, and the scales of features where pixels share them.
 """
 
 from __future__ import annotations
@@ -9,19 +10,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fovden.filters.kernels.blend import CHANNELS, LOG2_E, MASK, NORMAL, POSITION
+from fovden.filters.kernels.blend import CHANNELS, MASK, NORMAL, POSITION
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.jit import Int, inlined
-from fovden.simd import advanced
+from fovden.simd import advanced, pointer_to
 
-SUMS, WIDTHS = CHANNELS * WIDTH, 3 * WIDTH  # of a block: of the channels, and of the widths, which come after
+MOVED = CHANNELS
+"""Where a block's sums are of the light that taps hand back by their averages; before come those by their weights."""
+
+SUMS, WIDTHS = (MOVED + 3) * WIDTH, 3 * WIDTH  # of a block: all of these, and of the widths, which come after
 BLOCK_SUMS = SUMS + WIDTHS
+TAP_SUMS = 25 * WIDTH
+TWICE_LN_2 = np.float32(2 * 0.6931471805599453)
 LIGHT, SCALES, ALL_CHANNELS = CHANNELS, CHANNELS + 4, CHANNELS + 7  # after the channels of the way forth
-HALF_LOG2_E = np.float32(0.5) * LOG2_E
 
 
 class Shares(NamedTuple):
-    """What a pass's pixels hand back, arrays of shape (1, c, h, w), 0 where the pass did not work.
+    """What a pass's pixels hand back, arrays of shape (v, c, h, w), 0 where the pass did not work.
 
     Attributes:
         light: G and -h, of four channels.
@@ -32,6 +37,20 @@ class Shares(NamedTuple):
     light: Any
     scales: Any
     differ: bool
+
+
+@inlined
+def handed_of(number: Int, shares: Shares, plane: Int) -> Shares:
+    """Pointers to those of a view."""
+    light, scales = pointer_to(shares.light), pointer_to(shares.scales)
+    return Shares(advanced(light, 4 * number * plane), advanced(scales, 3 * number * plane), shares.differ)
+
+
+@inlined
+def write_factors(differ: bool, inverse: Any, factors: Any) -> None:
+    """Writes what a feature's sums have left out: their scale where pixels share it, and the derivative's 2 ln 2."""
+    for g in range(3):
+        factors[g] = TWICE_LN_2 if differ else np.float32(-2) * inverse[g]
 
 
 class Read(NamedTuple):
