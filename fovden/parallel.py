@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import torch
@@ -44,14 +45,15 @@ def run(
     arguments: Sequence[Any],
     *,
     tile: int,
+    least: int | None = None,
     progress: Progress = None,
     description: str | None = None,
 ) -> None:
     """Calls a kernel on all tiles of ``range(count)``, on as many threads as PyTorch has.
 
-    The calls are ``kernel(start, min(start + tile, count), *arguments)`` for ``start`` in ``range(0, count, tile)``,
-    in no particular order, preceded by ``kernel(0, 0, *arguments)``, which must do nothing: a kernel is compiled on
-    its first call, and that is best done once, in the caller's thread, where Ctrl-C reaches it.
+    The calls are ``kernel(start, stop, *arguments)`` for tiles that follow each other, in no particular order, preceded
+    by ``kernel(0, 0, *arguments)``, which must do nothing: a kernel is compiled on its first call, and that is best
+    done once, in the caller's thread, where Ctrl-C reaches it.
 
     Ctrl-C and exceptions, of a kernel or of ``progress``, end the run after the tiles that are being worked on; when
     they reach the caller nothing is running any more. A tile should therefore last well below a second. A call costs
@@ -61,15 +63,18 @@ def run(
         kernel: The function; see the module's docstring for what it may do.
         count: Number of items, at least 0.
         arguments: Further arguments of ``kernel``, the same for every tile.
-        tile: Items per call of ``kernel``, at least 1.
+        tile: Items per call of ``kernel``, at least 1; the last may have fewer.
+        least: Items per call towards the end, at least 1 and at most ``tile``: each tile then has half of what is left
+            for a thread, so that large tiles do not keep the others waiting (guided self-scheduling, Polychronopoulos
+            and Kuck, 1987). ``None`` means ``tile``.
         progress: A function that is called from this thread with the number of items done, rising, at most ten times
             a second and at last with ``count``; or true for a bar with the time left on standard error, if the run
             lasts over a second; or false or ``None`` for silence.
         description: What the bar says is being done.
 
     Raises:
-        TypeError: If ``count`` or ``tile`` is not an integer.
-        ValueError: If ``count`` or ``tile`` is too small.
+        TypeError: If ``count``, ``tile`` or ``least`` is not an integer.
+        ValueError: If ``count``, ``tile`` or ``least`` is too small, or ``least`` above ``tile``.
 
     Example:
         >>> import numpy as np
@@ -82,9 +87,11 @@ def run(
     """
     require_integer("count", count, minimum=0)
     require_integer("tile", tile, minimum=1)
+    least = tile if least is None else least
+    require_integer("least", least, minimum=1, maximum=tile)
     kernel(0, 0, *arguments)
-    threads = max(1, min(torch.get_num_threads(), -(-count // tile)))
-    job = _Job(kernel, count, arguments, tile, threads)
+    threads = max(1, min(torch.get_num_threads(), -(-count // least)))
+    job = _Job(kernel, arguments, _tiles(count, tile, least, threads), threads)
     helpers: list[Future[None]] = []
     with reporting(progress, count, description) as report:
         try:
@@ -179,22 +186,31 @@ class _Bar:
             self.bar.close()
 
 
+def _tiles(count: int, tile: int, least: int, threads: int) -> list[int]:
+    """Where tiles begin, and the last ends."""
+    bounds = [0]
+    while bounds[-1] < count:
+        left = count - bounds[-1]
+        bounds.append(bounds[-1] + min(left, max(least, min(tile, left // (2 * threads)))))
+    return bounds
+
+
 class _Job:
     """The tiles of one run, handed out to whoever asks."""
 
     def __init__(
-        self, kernel: Callable[..., object], count: int, arguments: Sequence[Any], tile: int, threads: int
+        self, kernel: Callable[..., object], arguments: Sequence[Any], bounds: Sequence[int], threads: int
     ) -> None:
-        self.kernel, self.count, self.arguments, self.tile = kernel, count, arguments, tile
-        self.starts = iter(range(0, count, tile))  # the interpreter lock makes each step atomic
+        self.kernel, self.arguments = kernel, arguments
+        self.tiles = pairwise(bounds)  # the interpreter lock makes each step atomic
         self.done = [0] * threads  # items, by thread: each writes its own entry alone
         self.stopped = False
 
     def work(self, thread: int, report: Callable[[int], None] | None = None) -> None:
         """Works on tiles until none is left or the run is stopped."""
         try:
-            while not self.stopped and (start := next(self.starts, None)) is not None:
-                stop = min(start + self.tile, self.count)
+            while not self.stopped and (found := next(self.tiles, None)) is not None:
+                start, stop = found
                 self.kernel(start, stop, *self.arguments)
                 self.done[thread] += stop - start
                 if report is not None:

@@ -58,6 +58,19 @@ def test_every_item_is_visited_once(threads, count, tile):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
+@pytest.mark.parametrize(("count", "tile", "least"), [(0, 5, 2), (1, 9, 9), (97, 40, 3), (1000, 1000, 1), (64, 16, 16)])
+def test_tiles_become_small_towards_the_end(threads, count, tile, least):
+    torch.set_num_threads(threads)
+    tiles = []
+    run(lambda start, stop: tiles.append((start, stop)), count, (), tile=tile, least=least)
+    found, workers = sorted(tiles[1:]), max(1, min(threads, -(-count // least)))
+    assert [0, *(stop for _, stop in found)] == [*(start for start, _ in found), count]
+    for start, stop in found:
+        left = count - start
+        assert stop - start == min(left, max(least, min(tile, left // (2 * workers))))
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
 def test_as_many_threads_work_as_pytorch_has(threads):
     torch.set_num_threads(threads)
     barrier = threading.Barrier(threads)  # passed only if that many tiles are worked on at the same time
@@ -80,6 +93,9 @@ def test_wrong_counts_and_tiles_are_named():
         run(add_cubes, 1, (), tile=0)
     with pytest.raises(TypeError, match="count: expected an integer"):
         run(add_cubes, 1.5, (), tile=1)
+    for least in (0, 5):
+        with pytest.raises(ValueError, match=f"least: expected an integer of at least 1 and at most 4, got {least}"):
+            run(add_cubes, 1, (), tile=4, least=least)
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -157,6 +173,7 @@ def test_an_exception_of_the_progress_callback_stops_the_run():
 
 
 def test_a_bar_appears_only_after_a_second(capsys):
+    before = threading.enumerate()
     run(add_cubes, 10, (np.zeros(10, dtype=np.int64),), tile=1, progress=True, description="short")
     assert capsys.readouterr().err == ""
     with reporting(True, 6, "long", unit="pass") as report:
@@ -168,7 +185,8 @@ def test_a_bar_appears_only_after_a_second(capsys):
     assert "long: 100%" in captured.err
     assert "6.00/6.00" in captured.err
     assert "pass/s" in captured.err
-    assert not [thread for thread in threading.enumerate() if type(thread).__name__ == "TMonitor"]
+    started = [thread for thread in threading.enumerate() if thread not in before]
+    assert not [thread for thread in started if type(thread).__name__ == "TMonitor"]
 
 
 @pytest.mark.parametrize("silence", [None, False])

@@ -8,7 +8,7 @@ sums of the pixels' weights.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, NamedTuple
@@ -37,8 +37,9 @@ from fovden.parallel import run
 
 __all__ = ["Blended", "Inputs", "Returned", "blend_stack", "return_gradients"]
 
-TILE = 32
-"""Rows that a thread takes at a time, of some ten microseconds each. The first two find nothing kept for them."""
+TILE, LEAST = 256, 8
+"""Rows that a thread takes at a time, of some ten microseconds each: at first, since two of them find nothing kept for
+them, and at the end, since the others wait."""
 
 COLUMNS_TILE = 4
 """Columns on the way back: those at the borders of a polar raster have been read by many."""
@@ -182,13 +183,13 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
         )  # fmt: skip
         if columns is None:
             scratch = scratch_for(-(-shape[3] // WIDTH), level.step)
-            run(with_scratch(blend_runs, scratch), len(runs), arguments, tile=runs_of_rows(TILE, runs))
+            _run(with_scratch(blend_runs, scratch), runs, arguments)
         else:
-            run(blend_columns, len(runs), (columns.beside(level.step), *arguments), tile=TILE)
+            _run(blend_columns, runs, (columns.beside(level.step), *arguments))
         spare = None if save or number == 0 else image  # the first is not ours to write to
         image, mask = after, next_mask
         if spare is not None and ahead is not None and ahead.chosen is not level.chosen:
-            run(copy_runs, len(level.runs), (level.runs, array_of(image), array_of(spare)), tile=TILE)
+            _run(copy_runs, level.runs, (level.runs, array_of(image), array_of(spare)))
     return Blended(image if levels else image.clone(), torch.from_numpy(known > 0), mask, images, totals)
 
 
@@ -263,38 +264,30 @@ def _walk_back(
     passes, guides = inputs.arrays()
     count, levels = len(inputs.steps), list(_levels(inputs, columns))
     widths, taps = np.zeros((count, 3)), np.zeros((count, 25))
-    image, no_factors = blended.image, np.empty((0, 3, 1, 1), np.float32)
-    fills = inputs.fill and everything
+    image, fills = blended.image, inputs.fill and everything
+    own_factors = np.empty((0, 3, 1, 1), np.float32) if factors is None else array_of(factors)
     for number in reversed(range(len(levels))):
-        level, own = levels[number], array_of(blended.totals[number, 0])
+        level, totals = levels[number], array_of(blended.totals[number, 0])
         last = number + 1 == len(levels)
         if not level.is_whole and (last or levels[number + 1].chosen is not level.chosen):
             shares.light.fill(0)
         runs, unknown = level.runs, np.zeros(len(level.runs), np.bool_)
-        run(
-            prepare_runs,
-            len(runs),
-            (
-                runs, passes, guides, array_of(image), gradients.image, gradients.mask, fills, own, shares.light,
-                unknown,
-            ),
-            tile=TILE,
-        )  # fmt: skip
+        arrays = array_of(image), gradients.image, gradients.mask, fills, totals, shares.light, unknown
+        _run(prepare_runs, runs, (runs, passes, guides, *arrays))
         image = blended.images[number - 1] if number > 0 else inputs.radiance
         several = inputs.factors is not None or inputs.kernels is not None or len(level.members) > 1
         differ = several or bool(unknown.any())  # widths, or kernels are wanted, which costs as much
         if differ:
             if not level.is_whole:
                 shares.scales.fill(0)
-            run(scale_runs, len(runs), (runs, passes, guides, own, shares.scales), tile=TILE)
+            _run(scale_runs, runs, (runs, passes, guides, totals, shares.scales))
         mask = blended.totals[number, 1] if inputs.fill else inputs.mask
         shares = shares._replace(differ=differ)
         arguments = passes, guides, array_of(image), array_of(mask), shares, everything, gradients
         run_widths, run_taps = _gather(level, columns, image.shape[2], arguments)
         if differ:
             differing = np.zeros((len(runs), 3))
-            arrays = gradients.widths, no_factors if factors is None else array_of(factors)
-            run(reduce_runs, len(runs), (runs, passes, guides, own, *arrays, differing), tile=TILE)
+            _run(reduce_runs, runs, (runs, passes, guides, totals, gradients.widths, own_factors, differing))
             np.add.at(widths, runs[:, 3], differing)
             taps[level.members[0]] += run_taps.sum(0)
         else:
@@ -311,7 +304,7 @@ def _gather(
         reached = in_order(runs_of(spread(level.chosen, level.step, rows), number), level.step, rows)
         sums = np.zeros((len(reached), 3)), np.zeros((len(reached), 25))
         gather = with_scratch(gather_runs, scratch_to_gather(blocks, level.step))
-        run(gather, len(reached), (reached, level.step, *arguments, *sums), tile=runs_of_rows(TILE, reached))
+        _run(gather, reached, (reached, level.step, *arguments, *sums))
         return sums
     pairs, offsets = columns.pairs(level.step, np.asarray(level.chosen.reshape(-1, rows, blocks).any((0, 2))))
     count = len(level.chosen) // rows * (len(offsets) - 1)
@@ -323,6 +316,11 @@ def _gather(
         tile=COLUMNS_TILE,
     )
     return sums
+
+
+def _run(kernel: Callable[..., object], runs: NDArray[np.int32], arguments: Sequence[Any]) -> None:
+    """Calls a kernel on runs."""
+    run(kernel, len(runs), arguments, tile=runs_of_rows(TILE, runs), least=runs_of_rows(LEAST, runs))
 
 
 class _Level(NamedTuple):

@@ -55,6 +55,7 @@ def test_nothing_depends_on_how_many_rows_a_thread_takes(setting, everything, mo
     inputs, found = inputs_of(**SETTINGS[setting]), []
     for tile in (1, 2, 7, 1000):  # a row alone finds nothing kept by others
         monkeypatch.setattr(fused, "TILE", tile)
+        monkeypatch.setattr(fused, "LEAST", min(tile, 3))
         found.append(outcome(inputs, everything))
     for other in found[1:]:
         assert all(torch.equal(one, same) for one, same in zip(found[0], other, strict=True))

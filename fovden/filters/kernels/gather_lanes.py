@@ -9,7 +9,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from fovden.filters.kernels.blend import CHANNELS, LOG2_E, MASK, NORMAL
-from fovden.filters.kernels.lanes import WIDTH, WORD, exp2, line_at, number_at, read
+from fovden.filters.kernels.lanes import WIDTH, WORD, exp2, exp2_all, line_at, number_at, read
 from fovden.filters.kernels.pairs import line_of
 from fovden.filters.kernels.shares import MOVED
 from fovden.simd import FLOATS, I64, Lanes, fused, load, store
@@ -42,6 +42,18 @@ def _differences(here: Any, there: Any) -> list[list[Lanes]]:
     return [[a - b for a, b in zip(own, its, strict=True)] for own, its in zip(here, there, strict=True)]
 
 
+def _squares(d: list[list[Lanes]]) -> list[Lanes]:
+    """The squared differences of each feature."""
+    return [fused(a[2], a[2], fused(a[1], a[1], a[0] * a[0])) for a in d]
+
+
+def _sum(log: Lanes, squares: list[Lanes], scale: list[Lanes]) -> Lanes:
+    """log2 of a tap's weight, but for its mask."""
+    for square, each in zip(squares, scale, strict=True):
+        log = fused(square, each, log)
+    return log
+
+
 def _gather_taps(shifts: tuple[int, ...], everything: bool) -> Any:
     """Makes the intrinsic that gathers from taps of a row; see :func:`gather_plain`."""
 
@@ -59,25 +71,22 @@ def _gather_taps(shifts: tuple[int, ...], everything: bool) -> Any:
             scale = [number_at(builder, inverse, k) * -float(LOG2_E) for k in range(3)]
             total = _sums(builder, sums, everything)
             width = [load(builder, widths, k * WIDTH, WIDTH) for k in range(3)]
-            for number, i in enumerate(shifts):
-                place = builder.add(tap, builder.mul(step, ir.Constant(I64, i)))
-                there = [read(builder, guide, place, plane) for guide in guides]
+            places = [builder.add(tap, builder.mul(step, ir.Constant(I64, i))) for i in shifts]
+            there = [[read(builder, guide, place, plane) for guide in guides] for place in places]
+            d = [_differences(here, each) for each in there]
+            squares = [_squares(each) for each in d]
+            logs = [number_at(builder, taps, 2 + i) for i in shifts]
+            powers = exp2_all([_sum(log, each, scale) for log, each in zip(logs, squares, strict=True)])
+            for number, (place, power) in enumerate(zip(places, powers, strict=True)):
                 its_light = read(builder, light, place, plane, 4)
-                d = _differences(here, there)
-                squares = [fused(a[2], a[2], fused(a[1], a[1], a[0] * a[0])) for a in d]
-                q = number_at(builder, taps, 2 + i)
-                for g in range(3):
-                    q = fused(squares[g], scale[g], q)
-                power = exp2(q)
                 forth = power * load(builder, weight, place, WIDTH, align=4)
                 back_light = _pull(its_light, here[0])
                 back = power * own_weight * back_light
-                both = forth * _pull(own_light, there[0]) + back  # not fused: the same from either side
+                both = forth * _pull(own_light, there[number][0]) + back  # not fused: the same from either side
                 store(builder, power, line_at(builder, kept, apart, number))
                 store(builder, both, line_at(builder, kept, apart, len(shifts) + number))
-                _add(total, power, its_light, [both] * (3 if everything else 1), d)
-                for g in range(3):
-                    width[g] = fused(both, squares[g], width[g])
+                _add(total, power, its_light, [both] * (3 if everything else 1), d[number])
+                width = [fused(both, square, each) for square, each in zip(squares[number], width, strict=True)]
                 if everything:
                     total[MASK] = fused(power, back_light, total[MASK])
             for k, each in total.items():
@@ -156,24 +165,22 @@ def gather_differing_vector(
         own_scale = read(builder, scales, at, plane)
         total = _sums(builder, sums, everything=True)
         width = [load(builder, widths, k * WIDTH, WIDTH) for k in range(3)]
-        for i in range(5):
-            place = builder.add(tap, builder.mul(step, ir.Constant(I64, i - 2)))
-            there = [read(builder, guide, place, plane) for guide in guides]
-            its_light, its_scale = read(builder, light, place, plane, 4), read(builder, scales, place, plane)
-            d = _differences(here, there)
-            squares = [fused(a[2], a[2], fused(a[1], a[1], a[0] * a[0])) for a in d]
-            q, q_back = number_at(builder, taps, i), number_at(builder, back, 4 - i)
-            for g in range(3):
-                q, q_back = fused(squares[g], own_scale[g], q), fused(squares[g], its_scale[g], q_back)
-            power_back = exp2(q_back)
-            pulled = exp2(q) * load(builder, weight, place, WIDTH, align=4) * _pull(own_light, there[0])
+        places = [builder.add(tap, builder.mul(step, ir.Constant(I64, i - 2))) for i in range(5)]
+        there = [[read(builder, guide, place, plane) for guide in guides] for place in places]
+        its_scale = [read(builder, scales, place, plane) for place in places]
+        d = [_differences(here, each) for each in there]
+        squares = [_squares(each) for each in d]
+        forth = exp2_all([_sum(number_at(builder, taps, i), squares[i], own_scale) for i in range(5)])
+        back_ = exp2_all([_sum(number_at(builder, back, 4 - i), squares[i], its_scale[i]) for i in range(5)])
+        for i, place in enumerate(places):
+            its_light = read(builder, light, place, plane, 4)
             back_light = _pull(its_light, here[0])
-            pushed = power_back * own_weight * back_light
-            changes = [fused(its_scale[g], pushed, own_scale[g] * pulled) for g in range(3)]
-            _add(total, power_back, its_light, changes, d)
-            for g in range(3):
-                width[g] = fused(pulled, squares[g], width[g])
-            total[MASK] = fused(power_back, back_light, total[MASK])
+            pulled = forth[i] * load(builder, weight, place, WIDTH, align=4) * _pull(own_light, there[i][0])
+            pushed = back_[i] * own_weight * back_light
+            changes = [fused(its_scale[i][g], pushed, own_scale[g] * pulled) for g in range(3)]
+            _add(total, back_[i], its_light, changes, d[i])
+            width = [fused(pulled, square, each) for square, each in zip(squares[i], width, strict=True)]
+            total[MASK] = fused(back_[i], back_light, total[MASK])
             store(builder, load(builder, tap_sums, i * WIDTH, WIDTH) + pulled, tap_sums, i * WIDTH)
         for k, each in total.items():
             store(builder, each, sums, k * WIDTH)

@@ -6,6 +6,8 @@ need no padding, and two threads may work on neighbouring pixels.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from llvmlite import ir
 from numba import types
@@ -88,16 +90,28 @@ def number_at(builder: Builder, pointer: Value, index: int) -> Lanes:
 
 def exp2(x: Lanes) -> Lanes:
     """2^x for x up to 127; less than -125 is taken for that, and what is no number stays none."""
-    builder, kind, integers = x.builder, x.value.type, ir.VectorType(I32, WIDTH)
-    floor = Lanes(builder, ir.Constant(kind, [float(SMALLEST_POWER)] * WIDTH))
-    x = (x < float(SMALLEST_POWER)).select(floor, x)
-    shifted = x + float(SHIFTER)
-    fraction = x - (shifted - float(SHIFTER))
-    power = Lanes(builder, ir.Constant(kind, [float(EXP2[-1])] * WIDTH))
+    return exp2_all([x])[0]
+
+
+def exp2_all(xs: list[Lanes]) -> list[Lanes]:
+    """:func:`exp2` of several, side by side: none waits for another, and each would wait for itself."""
+    builder, kind, integers = xs[0].builder, xs[0].value.type, ir.VectorType(I32, WIDTH)
+
+    def constant(number: Any) -> Lanes:
+        return Lanes(builder, ir.Constant(kind, [float(number)] * WIDTH))
+
+    floor, shifter = constant(SMALLEST_POWER), constant(SHIFTER)
+    xs = [(x < float(SMALLEST_POWER)).select(floor, x) for x in xs]
+    shifted = [x + shifter for x in xs]
+    rounded = [each - shifter for each in shifted]
+    fractions = [x - each for x, each in zip(xs, rounded, strict=True)]
+    powers = [constant(EXP2[-1])] * len(xs)
     for coefficient in reversed(EXP2[:-1]):
-        power = fused(power, fraction, Lanes(builder, ir.Constant(kind, [float(coefficient)] * WIDTH)))
-    exponent = builder.shl(builder.bitcast(shifted.value, integers), ir.Constant(integers, [23] * WIDTH))
-    return Lanes(builder, builder.bitcast(builder.add(builder.bitcast(power.value, integers), exponent), kind))
+        powers = [fused(power, f, constant(coefficient)) for power, f in zip(powers, fractions, strict=True)]
+    twenty_three = ir.Constant(integers, [23] * WIDTH)
+    exponents = [builder.shl(builder.bitcast(each.value, integers), twenty_three) for each in shifted]
+    bits = [builder.add(builder.bitcast(p.value, integers), e) for p, e in zip(powers, exponents, strict=True)]
+    return [Lanes(builder, builder.bitcast(each, kind)) for each in bits]
 
 
 @inlined

@@ -41,6 +41,8 @@ def runs_of_rows(rows: int, runs: NDArray[np.int32]) -> int:
 
 def spread(chosen: NDArray[np.bool_], step: int, rows: int) -> NDArray[np.bool_]:
     """The blocks that have one of the chosen as a tap; views have ``rows`` rows each."""
+    if chosen.all():
+        return chosen
     views = chosen.reshape(-1, rows, chosen.shape[1])
     reach = -(-2 * step // WIDTH)
     wide = views.copy()

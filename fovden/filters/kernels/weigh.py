@@ -16,19 +16,19 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from fovden.filters.kernels.lanes import WIDTH, WORD, ZERO, exp2, exp2_plain, line_at, number_at, read
+from fovden.filters.kernels.lanes import WIDTH, WORD, ZERO, exp2, exp2_all, exp2_plain, line_at, number_at, read
 from fovden.filters.kernels.pairs import line_of, line_of_plain
 from fovden.jit import Int, inlined, vectorised
 from fovden.simd import FLOATS, I64, Lanes, fused, load, store
 
 
-def _power(builder: Any, here: Any, there: Any, scale: Any, tap: Lanes) -> Lanes:
+def _exponent(builder: Any, here: Any, there: Any, scale: Any, tap: Lanes) -> Lanes:
     """Of a tap; ``tap`` is log2 of its kernel."""
     q = tap
     for feature in range(3):
         d = [a - b for a, b in zip(here[feature], there[feature], strict=True)]
         q = fused(fused(d[2], d[2], fused(d[1], d[1], d[0] * d[0])), scale[feature], q)
-    return exp2(q)
+    return q
 
 
 def _add(total: list[Lanes], power: Lanes, weight: Lanes, image: list[Lanes]) -> list[Lanes]:
@@ -52,12 +52,12 @@ def add_taps_vector(
         here = [read(builder, guide, at, plane) for guide in guides]
         scale = [load(builder, scales, feature * WIDTH, WIDTH) for feature in range(3)]
         total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(4)]
+        places = [builder.add(tap, builder.mul(step, ir.Constant(I64, i - 2))) for i in range(5)]
+        there = [[read(builder, guide, place, plane) for guide in guides] for place in places]
+        powers = exp2_all([_exponent(builder, here, there[i], scale, number_at(builder, taps, i)) for i in range(5)])
         for i in range(5):
-            place = builder.add(tap, builder.mul(step, ir.Constant(I64, i - 2)))
-            there = [read(builder, guide, place, plane) for guide in guides]
-            power = _power(builder, here, there, scale, number_at(builder, taps, i))
-            store(builder, power, line_at(builder, kept, apart, i))
-            total = _add(total, power, load(builder, weight, place, WIDTH, align=4), there[0])
+            store(builder, powers[i], line_at(builder, kept, apart, i))
+            total = _add(total, powers[i], load(builder, weight, places[i], WIDTH, align=4), there[i][0])
         for k in range(4):
             store(builder, total[k], sums, k * WIDTH)
         return target.get_dummy_value()
@@ -106,11 +106,13 @@ def weigh_beside_vector(
         guides = image, normal, position
         here = [read(builder, guide, at, plane) for guide in guides]
         scale = [load(builder, scales, feature * WIDTH, WIDTH) for feature in range(3)]
+        exponents = []
         for i in (1, 2):
             place = builder.add(at, builder.mul(step, ir.Constant(I64, i)))
             there = [read(builder, guide, place, plane) for guide in guides]
-            power = _power(builder, here, there, scale, number_at(builder, taps, 2 + i))
-            store(builder, power, line_at(builder, kept, apart, i - 1))
+            exponents.append(_exponent(builder, here, there, scale, number_at(builder, taps, 2 + i)))
+        for i, power in enumerate(exp2_all(exponents)):
+            store(builder, power, line_at(builder, kept, apart, i))
         return target.get_dummy_value()
 
     return types.none(*[FLOATS] * 3, *[WORD] * 3, *[FLOATS] * 3, WORD), generate
