@@ -341,7 +341,6 @@ def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
         labels = array_of(inputs.region).reshape(-1, width)
         run(mark_blocks, len(labels), (labels, marks), tile=64)
     found: dict[tuple[int, ...], Any] = {}
-    unlabelled = inputs.region is None  # nor are cells of a polar raster, where some places are none
     for _, group in groupby(range(len(inputs.steps)), lambda number: inputs.levels[number]):
         members = list(group)
         labels_ = tuple(inputs.labels[number] for number in members)
@@ -350,7 +349,7 @@ def _levels(inputs: Inputs, columns: Columns | None) -> Iterator[_Level]:
             found[labels_] = np.logical_or.reduce(own), [runs_of(blocks, 0) for blocks in own]
         chosen, own_runs = found[labels_]
         runs = np.concatenate([np.add(each, [0, 0, 0, number]) for each, number in zip(own_runs, members, strict=True)])
-        is_whole = unlabelled and labels_ == (0,)
+        is_whole = columns is None and len(members) == 1 and bool((marks == 1 << labels_[0]).all())
         step = inputs.steps[members[0]]
         if columns is None:
             step = min(step, max(height, width))  # further away is nothing, either, and threads make room for it

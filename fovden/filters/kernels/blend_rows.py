@@ -44,10 +44,12 @@ from fovden.filters.kernels.pairs import (
 from fovden.filters.kernels.rows import (
     SLOTS,
     Rows,
-    copy_row,
+    behind,
+    copy_blocks,
     extent_of,
     floats_for,
-    is_new,
+    is_there,
+    next_missing,
     reach_of,
     rows_for,
     slot_of,
@@ -81,12 +83,24 @@ def scratch_for(blocks: int, step: int) -> int:
 
 
 @inlined
-def copy_pixels(view: View, rows: Rows, y: Int) -> None:
-    """Copies what a row of taps is asked for."""
-    copy_row(view.image, view.plane, 3, y, view.width, rows, 0)
-    copy_row(view.normal, view.plane, 3, y, view.width, rows, NORMAL)
-    copy_row(view.position, view.plane, 3, y, view.width, rows, POSITION)
-    copy_row(view.mask, view.plane, 1, y, view.width, rows, MASK)
+def copy_pixels(view: View, rows: Rows, y: Int, first: Int, end: Int) -> None:
+    """Copies what some blocks of a row of taps are asked for."""
+    copy_blocks(view.image, view.plane, 3, y, view.width, rows, 0, first, end)
+    copy_blocks(view.normal, view.plane, 3, y, view.width, rows, NORMAL, first, end)
+    copy_blocks(view.position, view.plane, 3, y, view.width, rows, POSITION, first, end)
+    copy_blocks(view.mask, view.plane, 1, y, view.width, rows, MASK, first, end)
+
+
+@inlined
+def bring_pixels(view: View, rows: Rows, y: Int, name: Int, first: Int, end: Int) -> None:
+    """Copies what taps of the blocks ``first`` to ``end`` find in a row, unless it is there."""
+    reach = reach_of(rows.step)
+    if is_there(rows, y, name, first - reach, end + reach):
+        return
+    block, stop = next_missing(rows, y, first - reach, end + reach)
+    while block < stop:
+        copy_pixels(view, rows, y, block, stop)
+        block, stop = next_missing(rows, y, stop, end + reach)
 
 
 @inlined
@@ -191,7 +205,7 @@ def blend_runs(
     leftmost, rightmost = extent_of(runs, start, stop)
     floats = pointer_to(aligned(scratch))
     rows = rows_for(floats, CHANNELS, leftmost, rightmost, step)
-    kept = kept_for(advanced(floats, SLOTS * CHANNELS * rows.apart), 1, rightmost, rows, -(-width // WIDTH))
+    kept = kept_for(behind(rows), 1, rightmost, rows, -(-width // WIDTH))
     for run in range(start, stop):
         row, first = np.int64(runs[run, 0]), np.int64(runs[run, 1])
         end, number = np.int64(runs[run, 2]), np.int64(runs[run, 3])
@@ -206,8 +220,8 @@ def blend_runs(
         for j in range(5):
             away = (j - 2) * step
             places[j] = slot_of(rows, y + away)
-            if 0 <= y + away < height and is_new(rows, y + away, row + away):
-                copy_pixels(view, rows, y + away)
+            if 0 <= y + away < height:
+                bring_pixels(view, rows, y + away, row + away, first, end)
         for left in range(first, end, BLOCKS):
             count: Int = min(BLOCKS, end - left)
             for k in range(count * SUMS):

@@ -15,13 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.jit import Int, inlined, kernel, vectorised
-from fovden.simd import FLOATS, I32, I64, advanced, pointer_to
+from fovden.simd import I32, I64, advanced, copy_floats, pointer_to
 
 BOTH, FORTH, BACK = 0, 1, 2
 
@@ -174,18 +173,6 @@ def find_rows(first: Int, count: Int, own: Int, other: Int, turned: Int, rows: A
             row += 1
         if row >= other:
             row -= other
-
-
-@intrinsic
-def copy_floats(context: Any, source: Any, target: Any, count: Any) -> Any:
-    """Copies numbers from one place to another."""
-
-    def generate(backend: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        source, target, count = arguments
-        cgutils.raw_memcpy(builder, target, source, count, 4)
-        return backend.get_dummy_value()
-
-    return types.none(FLOATS, FLOATS, types.int64), generate
 
 
 @inlined

@@ -34,10 +34,12 @@ from fovden.filters.kernels.pairs import (
 from fovden.filters.kernels.rows import (
     SLOTS,
     Rows,
-    copy_row,
+    behind,
+    copy_blocks,
     extent_of,
     floats_for,
-    is_new,
+    is_there,
+    next_missing,
     reach_of,
     rows_for,
     slot_of,
@@ -56,7 +58,7 @@ from fovden.filters.kernels.shares import (
     write_factors,
 )
 from fovden.jit import Int, inlined, kernel
-from fovden.simd import advanced, pointer_to, prefetch, stack_floats, stack_words
+from fovden.simd import advanced, opaque, pointer_to, prefetch, stack_floats, stack_words
 
 BLOCKS = 16  # blocks that a row of taps is gathered from before the next row
 ALL_SUMS = BLOCKS * BLOCK_SUMS
@@ -70,7 +72,7 @@ def scratch_to_gather(blocks: int, step: int) -> int:
 @inlined
 def gather_five(
     rows: Rows, kept: Kept, places: Any, j: Int, block: Int, order: Int, name: Int, differ: bool, everything: bool,
-    inverse: Any, taps: Any, sums: Any, tap_sums: Any,
+    inverse: Any, taps: Any, sums: Any, widths: Any, tap_sums: Any,
 ) -> None:  # fmt: skip
     """Gathers from the j-th of five rows of taps, at ``places``, with what it has kept for the block if it has.
 
@@ -78,10 +80,10 @@ def gather_five(
     """
     read, apart, x, step = read_from(rows.floats, rows.apart), rows.apart, block * WIDTH - rows.left, rows.step
     at, tap, away, reach = places[2] + x, places[j] + x, j - 2, reach_of(step)
-    row_taps, widths, lines = advanced(taps, 5 * j), advanced(sums, SUMS), advanced(kept.floats, x)
+    row_taps, lines = advanced(taps, 5 * j), advanced(kept.floats, x)
     if differ:
         back, row_sums = advanced(taps, 20 - 5 * j), advanced(tap_sums, 5 * WIDTH * j)
-        gather_differing(read, at, tap, step, row_taps, back, sums, widths, row_sums)
+        gather_differing(read, at, tap, step, row_taps, back, sums, advanced(sums, SUMS), row_sums)
     elif j == 2:
         gather_own(read, at, row_taps, sums)
         if is_ready(kept, order, name, block - reach, block):  # else nothing to the left has been read, or has read
@@ -99,21 +101,39 @@ def gather_five(
 
 
 @inlined
-def copy_shares(view: View, shares: Shares, rows: Rows, y: Int) -> None:
-    """Copies what a row of taps is asked for on the way back."""
-    copy_pixels(view, rows, y)
-    copy_row(shares.light, view.plane, 4, y, view.width, rows, LIGHT)
-    if shares.differ:
-        copy_row(shares.scales, view.plane, 3, y, view.width, rows, SCALES)
+def bring_shares(view: View, shares: Shares, rows: Rows, y: Int, name: Int, first: Int, end: Int) -> None:
+    """Copies what taps of the blocks ``first`` to ``end`` find in a row on the way back, unless it is there."""
+    reach = reach_of(rows.step)
+    if is_there(rows, y, name, first - reach, end + reach):
+        return
+    block, stop = next_missing(rows, y, first - reach, end + reach)
+    while block < stop:
+        copy_pixels(view, rows, y, block, stop)
+        copy_blocks(shares.light, view.plane, 4, y, view.width, rows, LIGHT, block, stop)
+        if shares.differ:
+            copy_blocks(shares.scales, view.plane, 3, y, view.width, rows, SCALES, block, stop)
+        block, stop = next_missing(rows, y, stop, end + reach)
 
 
 @inlined
 def begin_block(
     view: View, light: Any, rows: Rows, kept: Kept, y: Int, block: Int, order: Int, own: Int, differ: bool,
-    everything: bool, inverse: Any, taps: Any, sums: Any,
+    everything: bool, inverse: Any, taps: Any, sums: Any, widths: Any, gradients: Gradients,
 ) -> None:  # fmt: skip
-    """Gathers from the taps to the right of a block, which is kept for those to whose left it is."""
+    """Gathers from the taps to the right of a block, which is kept for those to whose left it is.
+
+    What the block's sums will be added to, and what will be copied soon, is brought near.
+    """
     x, soon = block * WIDTH, y + 3 * rows.step
+    here = y * view.width + x
+    prefetch(view.mask, here)
+    for k in range(3):
+        prefetch(gradients.image, here + k * view.plane)
+        if everything:
+            prefetch(gradients.normal, here + k * view.plane)
+            prefetch(gradients.position, here + k * view.plane)
+    if everything:
+        prefetch(gradients.mask, here)
     if soon < view.height:
         at = soon * view.width + x
         ask_for(view, at)
@@ -122,8 +142,8 @@ def begin_block(
     if not differ:
         read, lines = read_from(rows.floats, rows.apart), advanced(kept.floats, slot_in(kept, order) + x - rows.left)
         gather_beside(
-            read, everything, own + x - rows.left, rows.step, inverse, advanced(taps, 10), sums, advanced(sums, SUMS),
-            lines, rows.apart,
+            read, everything, own + x - rows.left, rows.step, inverse, advanced(taps, 10), sums, widths, lines,
+            rows.apart,
         )  # fmt: skip
         kept.ready[order % KEPT_ROWS * kept.blocks + block] = ONE
 
@@ -173,7 +193,7 @@ def gather_runs(
     floats = pointer_to(aligned(scratch))
     rows = rows_for(floats, channels, leftmost, rightmost, step)
     height, width = image.shape[2], image.shape[3]
-    kept = kept_for(advanced(floats, SLOTS * channels * rows.apart), NUMBERS, rightmost, rows, -(-width // WIDTH))
+    kept = kept_for(behind(rows), NUMBERS, rightmost, rows, -(-width // WIDTH))
     factors = stack_floats(3)
     for run in range(start, stop):
         row, first = np.int64(runs[run, 0]), np.int64(runs[run, 1])
@@ -191,30 +211,30 @@ def gather_runs(
         for j in range(5):
             away = (j - 2) * step
             places[j] = slot_of(rows, y + away)
-            if 0 <= y + away < height and is_new(rows, y + away, row + away):
-                copy_shares(view, handed, rows, y + away)
+            if 0 <= y + away < height:
+                bring_shares(view, handed, rows, y + away, row + away, first, end)
         for left in range(first, end, BLOCKS):
             count: Int = min(BLOCKS, end - left)
             for k in range(count * BLOCK_SUMS):
                 all_sums[k] = ZERO
-            for block in range(count):
+            for counter in range(count):
+                block = opaque(counter)
                 begin_block(
                     view, handed.light, rows, kept, y, left + block, order, places[2], differ, everything, inverse,
-                    taps, advanced(all_sums, BLOCK_SUMS * block),
+                    taps, advanced(all_sums, BLOCK_SUMS * block), run_widths, own,
                 )  # fmt: skip
             for j in range(5):
                 if not 0 <= y + (j - 2) * step < height:
                     continue
-                for block in range(count):
+                for counter in range(count):
+                    block = opaque(counter)
                     gather_five(
                         rows, kept, places, j, left + block, order, row, differ, everything, inverse, taps,
-                        advanced(all_sums, BLOCK_SUMS * block), run_taps,
+                        advanced(all_sums, BLOCK_SUMS * block), run_widths, run_taps,
                     )  # fmt: skip
             for block in range(count):
                 x, sums = (left + block) * WIDTH, advanced(all_sums, BLOCK_SUMS * block)
                 hand_back(sums, factors, differ, everything, view.mask, view.plane, y * width + x, x, width, own)
-                for k in range(WIDTHS):
-                    run_widths[k] += sums[SUMS + k]
         for lane in range(WIDTH):
             if differ:
                 for tap in range(25):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fovden.filters.kernels.lanes import WIDTH
 from fovden.jit import Int, kernel
+from fovden.simd import advanced, copy_floats, pointer_to
 
 
 @kernel
@@ -59,10 +60,11 @@ def spread(chosen: NDArray[np.bool_], step: int, rows: int) -> NDArray[np.bool_]
 
 @kernel
 def copy_runs(start: Int, stop: Int, runs: Any, source: Any, target: Any) -> None:
-    """Copies the blocks of the runs start .. stop - 1 from one image to another, both (v, c, h, w)."""
-    height, width = source.shape[2], source.shape[3]
+    """Copies the blocks of the runs start .. stop - 1 from one image to another, both float32, (v, c, h, w)."""
+    channels, height, width = source.shape[1], source.shape[2], source.shape[3]
     for run in range(start, stop):
         view, y = np.int64(runs[run, 0]) // height, np.int64(runs[run, 0]) % height
-        for channel in range(source.shape[1]):
-            for x in range(np.int64(runs[run, 1]) * WIDTH, min(np.int64(runs[run, 2]) * WIDTH, width)):
-                target[view, channel, y, x] = source[view, channel, y, x]
+        left, right = np.int64(runs[run, 1]) * WIDTH, min(np.int64(runs[run, 2]) * WIDTH, width)
+        for channel in range(channels):
+            at = ((view * channels + channel) * height + y) * width + left
+            copy_floats(advanced(pointer_to(source), at), advanced(pointer_to(target), at), right - left)
