@@ -12,8 +12,8 @@ from fovden.filters.fused import Inputs, blend_stack, return_gradients
 STEPS = (16, 3, 1)
 
 
-def inputs_of(height=70, width=85, *, unknown=False, layers=False, kernels=None):
-    """Two views of random images, under a soft mask."""
+def inputs_of(height=70, width=85, *, unknown=False, layers=False, rings=False, kernels=None):
+    """Two views of random images, under a soft mask; with layers side by side, or rings one after the other."""
     generator = torch.Generator().manual_seed(3)
 
     def rand(channels):
@@ -28,6 +28,11 @@ def inputs_of(height=70, width=85, *, unknown=False, layers=False, kernels=None)
     steps = STEPS if not layers else tuple(step for step in STEPS for _ in range(2))
     labels = tuple(number % 2 for number in range(len(steps))) if layers else (0,) * len(steps)
     levels = tuple(number // 2 for number in range(len(steps))) if layers else tuple(range(len(steps)))
+    if rings:
+        away = ((torch.arange(height)[:, None] - height / 2) ** 2 + (torch.arange(width) - width / 2) ** 2).sqrt()
+        region = (away > 20).to(torch.uint8) + (away > 60).to(torch.uint8).expand(2, 1, height, width)
+        steps, labels = STEPS * 3, tuple(number // len(STEPS) for number in range(3 * len(STEPS)))
+        levels = tuple(range(len(steps)))
     inverse = torch.full((len(steps), 3), 2.0)
     return Inputs(rand(3), rand(3), rand(3), mask, known, region, inverse, None, kernels, steps, labels, levels, False)
 
@@ -43,6 +48,7 @@ SETTINGS = {
     "whole": {},
     "unknown pixels": {"unknown": True},
     "layers": {"layers": True},
+    "rings": {"width": 250, "rings": True},
     "narrow": {"width": 5},
     "flat": {"height": 3},
     "1024 wide": {"width": 1024, "height": 40},
@@ -70,6 +76,7 @@ def test_nothing_depends_on_what_memory_held(setting, monkeypatch):
         return lambda *arguments: kernel(*arguments, np.full(count, np.nan, np.float32))
 
     monkeypatch.setattr(fused, "with_scratch", with_nan)
+    monkeypatch.setattr(fused, "reused", lambda *shape: torch.full(shape, torch.nan))
     assert all(torch.equal(one, same) for one, same in zip(before, outcome(inputs), strict=True))
 
 
