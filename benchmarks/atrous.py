@@ -9,8 +9,7 @@ that it likes best, and answers through its public call. Peers:
 - ``kornia``: ``joint_bilateral_blur``, 5 x 5 taps side by side, one guide.
 - ``opencv``: ``jointBilateralFilter``, a disc of 29 taps of 7 x 7, one guide of three channels.
 
-A call's images lie on pages that the system has to hand out if the call before has given its own back, which has taken
-8 to 25 ms where a level took 21 without it. That counts on either side.
+Each call is made twice in a row, of which the second counts, so that no side pays for what another has left behind.
 
 The last two filter something else, and are compared by pixels and taps per second. The share of the processor's peak
 counts 56 operations a tap, though a pair of pixels needs the most of them once, against multiplications and additions
@@ -153,13 +152,13 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
 
     def add(kind: str, on: Images, taps: int, own: Call, peers: dict[str, Call]) -> None:
         say(f"{kind}, {on.pixels} pixels")
-        times = alternate({"fovden": own, **peers}, options.rounds)
+        times = alternate({"fovden": own, **peers}, options.rounds, repeat=True)
         results.append({"kind": kind, "pixels": on.pixels, "taps": taps, "threads": threads, "times": times})
 
     for name, steps in (("one level", (1,)), ("five levels", STEPS)):
         own, eager = forwards(images, steps, run_passes), forwards(images, steps, compose)
         add(f"{name}, forwards", images, 25 * len(steps), own, {"eager": eager})
-        if options.compile and len(steps) == 1:  # in rounds of its own: what a call leaves of memory concerns the next
+        if options.compile and len(steps) == 1:
             compiled = forwards(images, steps, torch.compile(compose, fullgraph=True))
             add(f"{name}, forwards", images, 25, own, {"compiled": compiled})
     for name, steps, on in (("one level", (1,), images), ("five levels", STEPS, small)):
@@ -174,13 +173,13 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
         ("everything, widths per pixel", images.full, True, torch.ones_like(images.radiance)),
     ):
         forth, back = there_and_back(images, mask, everything, factors)
-        times = alternate({"fovden": back, "forwards": forth}, options.rounds)
+        times = alternate({"fovden": back, "forwards": forth}, options.rounds, repeat=True)
         results.append({"kind": f"backwards, {name}", "pixels": images.pixels, "threads": threads, "times": times})
     wide = {"sigma_normal": 2.0, "sigma_position": 2.0}  # or random guides, alike nowhere, would leave holes
     levels = {"Base": NonHomogeneousAtrous.base(**wide), "NH3LD": NonHomogeneousAtrous.nh3ld(**wide)}
     calls = {name: _denoise(images, denoiser) for name, denoiser in levels.items()}
     say("NH3LD and Base")
-    times = alternate({"fovden": calls["NH3LD"], "Base": calls["Base"]}, options.rounds)
+    times = alternate({"fovden": calls["NH3LD"], "Base": calls["Base"]}, options.rounds, repeat=True)
     share = torch.bincount(images.layer.flatten(), minlength=3).double() / images.layer.numel()
     taps = float((share * torch.tensor([3.0, 4.0, 5.0])).sum() / 5)
     results.append(

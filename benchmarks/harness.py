@@ -76,16 +76,22 @@ class Table(NamedTuple):
 # Measuring
 
 
-def alternate(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Times]:
+def alternate(calls: Mapping[str, Callable[[], object]], rounds: int, *, repeat: bool = False) -> dict[str, Times]:
     """Returns the times of each call in each round.
 
     The calls take turns, so that a change of the machine's speed meets all of them; one round is made beforehand,
     uncounted: kernels are compiled and memory is touched in it. What a call returns is released outside the timed
     region.
+
+    Calls of some milliseconds ``repeat``: each is made once more right before, uncounted, as who calls it in a loop
+    finds it. Otherwise it would pay for what another leaves behind: what PyTorch has freed goes back to the system when
+    somebody frees memory next, and that has taken 12 ms where the call itself took 20.
     """
     times: dict[str, Times] = {name: {"wall": [], "cpu": []} for name in calls}
     for turn in range(rounds + 1):
         for name, call in calls.items():
+            if repeat:
+                call()
             gc.collect()
             wall, processor = time.perf_counter(), time.process_time()
             result = call()

@@ -31,7 +31,7 @@ from fovden.filters.kernels.lanes import WIDTH, ZERO
 from fovden.filters.kernels.pairs import SCRAP
 from fovden.filters.kernels.weigh import add_taps
 from fovden.jit import Int, inlined, kernel
-from fovden.simd import advanced, pointer_to, stack_floats
+from fovden.simd import advanced, opaque, pointer_to, stack_floats
 
 
 class Desk(NamedTuple):
@@ -120,7 +120,8 @@ def add_column(
             read_guides(view, other, desk.rows, length, its_height, agrees, desk, place)
         seen = view if lies else on_desk(desk, view)
         own, its = (column * view.width + first, other * view.width + first) if lies else (np.int64(0), desk.there)
-        for block in range(start, stop):
+        for counter in range(start, stop):
+            block = opaque(counter)
             x = block * WIDTH
             add_taps(
                 seen.image, seen.normal, seen.position, seen.mask, seen.plane, own + x, its + x, step,

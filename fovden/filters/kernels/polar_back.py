@@ -34,7 +34,7 @@ from fovden.filters.kernels.shares import (
     write_factors,
 )
 from fovden.jit import Int, inlined, kernel
-from fovden.simd import advanced, pointer_to, stack_floats
+from fovden.simd import advanced, opaque, pointer_to, stack_floats
 
 HALF = np.float32(0.5)
 
@@ -166,7 +166,8 @@ def gather_columns(
                     sums[k] = ZERO
             read = read_from(pointer_to(desk.strips), desk.apart)
             row_taps, back = advanced(taps, 5 * tap), advanced(taps, 20 - 5 * tap)
-            for block in range(-(-frame // WIDTH)):
+            for counter in range(-(-frame // WIDTH)):
+                block = opaque(counter)
                 x, place = block * WIDTH, advanced(sums, BLOCK_SUMS * block)
                 widths = advanced(place, SUMS)
                 if shares.differ:
