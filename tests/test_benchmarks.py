@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -185,6 +186,18 @@ def test_calls_alternate_after_an_uncounted_round():
     times = harness.alternate({name: lambda name=name: called.append(name) for name in "ab"}, 3)
     assert "".join(called) == "abababab"
     assert {len(times[side][clock]) for side in "ab" for clock in ("wall", "cpu")} == {3}
+
+
+def test_calls_can_be_repeated_of_which_the_second_counts():
+    called = []
+
+    def call():
+        called.append(len(called))
+        time.sleep(0.02 if len(called) % 2 else 0.0)  # the first of each two is slow
+
+    times = harness.alternate({"a": call}, 3, repeat=True)
+    assert len(called) == 8
+    assert max(times["a"]["wall"]) < 0.02
 
 
 def test_ratios_are_taken_within_rounds():
