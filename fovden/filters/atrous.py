@@ -87,7 +87,7 @@ def atrous_pass(
 
     Differentiable: in radiance, normal, position, mask, kernel and sigmas, to second order, with finite gradients
     also where every weight underflows; not in ``region`` and ``known``. Cost: 25 taps of 10 planes,
-    in one fused operation for float32 on the CPU, which keeps four planes for the way back; elsewhere, in torch
+    in one fused operation for float32 on the CPU, which keeps one plane for the way back; elsewhere, in torch
     operations, some 400 planes are kept (:func:`fovden.filters.operator.run_passes`).
 
     Source: Dammertz et al. 2010, section 3 and shader, with phi = sigma^2; the defaults are an example of magnitudes
