@@ -320,7 +320,8 @@ def _gather(
 
 def _run(kernel: Callable[..., object], runs: NDArray[np.int32], arguments: Sequence[Any]) -> None:
     """Calls a kernel on runs."""
-    run(kernel, len(runs), arguments, tile=runs_of_rows(TILE, runs), least=runs_of_rows(LEAST, runs))
+    tile = runs_of_rows(TILE, runs)
+    run(kernel, len(runs), arguments, tile=tile, least=max(1, tile * LEAST // TILE))
 
 
 class _Level(NamedTuple):
