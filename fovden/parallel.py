@@ -202,7 +202,7 @@ class _Job:
         self, kernel: Callable[..., object], arguments: Sequence[Any], bounds: Sequence[int], threads: int
     ) -> None:
         self.kernel, self.arguments = kernel, arguments
-        self.tiles = pairwise(bounds)  # the interpreter lock makes each step atomic
+        self.tiles = iter(list(pairwise(bounds)))  # the interpreter lock makes each step atomic
         self.done = [0] * threads  # items, by thread: each writes its own entry alone
         self.stopped = False
 
