@@ -22,7 +22,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from itertools import pairwise
 from typing import Any, TypeAlias
 
 import torch
@@ -91,7 +90,7 @@ def run(
     require_integer("least", least, minimum=1, maximum=tile)
     kernel(0, 0, *arguments)
     threads = max(1, min(torch.get_num_threads(), -(-count // least)))
-    job = _Job(kernel, arguments, _tiles(count, tile, least, threads), threads)
+    job = _Job(kernel, count, arguments, _bounds(count, tile, least, threads), threads)
     helpers: list[Future[None]] = []
     with reporting(progress, count, description) as report:
         try:
@@ -186,8 +185,10 @@ class _Bar:
             self.bar.close()
 
 
-def _tiles(count: int, tile: int, least: int, threads: int) -> list[int]:
-    """Where tiles begin, and the last ends."""
+def _bounds(count: int, tile: int, least: int, threads: int) -> Sequence[int]:
+    """Where tiles begin, and where the last ends, or later."""
+    if least == tile:
+        return range(0, count + tile, tile)
     bounds = [0]
     while bounds[-1] < count:
         left = count - bounds[-1]
@@ -199,18 +200,18 @@ class _Job:
     """The tiles of one run, handed out to whoever asks."""
 
     def __init__(
-        self, kernel: Callable[..., object], arguments: Sequence[Any], bounds: Sequence[int], threads: int
+        self, kernel: Callable[..., object], count: int, arguments: Sequence[Any], bounds: Sequence[int], threads: int
     ) -> None:
-        self.kernel, self.arguments = kernel, arguments
-        self.tiles = iter(list(pairwise(bounds)))  # the interpreter lock makes each step atomic
+        self.kernel, self.count, self.arguments, self.bounds = kernel, count, arguments, bounds
+        self.tiles = iter(range(len(bounds) - 1))  # the interpreter lock makes each step atomic
         self.done = [0] * threads  # items, by thread: each writes its own entry alone
         self.stopped = False
 
     def work(self, thread: int, report: Callable[[int], None] | None = None) -> None:
         """Works on tiles until none is left or the run is stopped."""
         try:
-            while not self.stopped and (found := next(self.tiles, None)) is not None:
-                start, stop = found
+            while not self.stopped and (tile := next(self.tiles, None)) is not None:
+                start, stop = self.bounds[tile], min(self.bounds[tile + 1], self.count)
                 self.kernel(start, stop, *self.arguments)
                 self.done[thread] += stop - start
                 if report is not None:

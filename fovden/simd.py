@@ -22,13 +22,11 @@ __all__ = [
     "Lanes",
     "advanced",
     "bits_of",
-    "copy_floats",
     "fused",
     "load",
     "load_int32",
     "maximum",
     "minimum",
-    "opaque",
     "pointer_to",
     "prefetch",
     "splat",
@@ -271,47 +269,6 @@ def advanced(context: Any, pointer: Any, count: Any) -> Any:
         return builder.gep(arguments[0], [arguments[1]])
 
     return pointer(pointer, types.int64), generate
-
-
-@intrinsic
-def opaque(context: Any, number: Any) -> Any:
-    """Returns a number, of which LLVM cannot tell how it came about.
-
-    Of a loop whose body reads some hundred places, LLVM makes as many counters, keeps them on the stack, and counts all
-    of them up each time. A counter that the body sees through this function stays the only one.
-
-    Example:
-        >>> from numba import njit
-        >>> njit(lambda number: opaque(number))(3)
-        3
-    """
-
-    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
-        same = ir.InlineAsm(ir.FunctionType(I64, [I64]), "", "=r,0")
-        return builder.call(same, arguments)
-
-    return types.int64(types.int64), generate
-
-
-@intrinsic
-def copy_floats(context: Any, source: Any, target: Any, count: Any) -> Any:
-    """Copies float32 numbers that lie side by side, which must not overlap.
-
-    Example:
-        >>> from numba import njit
-        >>> import numpy as np
-        >>> numbers, copies = np.ones(2, np.float32), np.zeros(3, np.float32)
-        >>> njit(lambda a, b: copy_floats(pointer_to(a), pointer_to(b), 2))(numbers, copies)
-        >>> copies
-        array([1., 1., 0.], dtype=float32)
-    """
-
-    def generate(target: Any, builder: Builder, signature: Any, arguments: Any) -> Value:
-        source, copies, count = arguments
-        cgutils.raw_memcpy(builder, copies, source, count, 4)
-        return target.get_dummy_value()
-
-    return types.none(FLOATS, FLOATS, types.int64), generate
 
 
 @intrinsic

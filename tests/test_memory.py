@@ -1,6 +1,8 @@
 """Large pages, and memory used before, change where values lie, and nothing else."""
 
 import mmap
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -92,6 +94,46 @@ def test_what_is_kept_has_a_limit():
     assert reused(SMALLEST * 4).data_ptr() == last
     empty_cache()
     assert not memory._KEPT
+
+
+@large
+def test_what_is_larger_than_the_limit_drives_nothing_out():
+    reused(SMALLEST)
+    assert len(memory._KEPT) == 1
+    reused(MOST_KEPT // 4 + 1)
+    assert len(memory._KEPT) == 1
+
+
+@large
+def test_tensors_may_go_while_memory_is_looked_for():
+    # The collector runs whenever something is allocated, and then gives regions back; the list grows underneath.
+    program = """
+import gc
+from fovden import memory
+from fovden.memory import empty_cache, reused
+
+class Cycle:
+    pass
+
+gc.disable()
+for _ in range(100):
+    empty_cache()
+    kept = [reused(1 << 18) for _ in range(24)]
+    del kept
+    garbage = []
+    for _ in range(30):
+        cycle = Cycle()
+        cycle.itself, cycle.tensor = cycle, reused(1 << 21)
+        garbage.append(cycle)
+    del garbage, cycle
+    gc.set_threshold(1, 1000, 1000)
+    gc.enable()
+    assert memory._take(123) is None
+    gc.disable()
+assert len(memory._KEPT) > 24
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 @large

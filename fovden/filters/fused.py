@@ -29,7 +29,7 @@ from fovden.filters.kernels.lanes import WIDTH
 from fovden.filters.kernels.polar import blend_columns
 from fovden.filters.kernels.polar_back import gather_columns
 from fovden.filters.kernels.rows import in_order
-from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, runs_of_rows, spread
+from fovden.filters.kernels.runs import copy_runs, mark_blocks, runs_of, spread
 from fovden.filters.kernels.shares import Shares
 from fovden.filters.taps import B3_SPLINE
 from fovden.memory import reused
@@ -38,8 +38,8 @@ from fovden.parallel import run
 __all__ = ["Blended", "Inputs", "Returned", "blend_stack", "return_gradients"]
 
 TILE, LEAST = 256, 8
-"""Rows that a thread takes at a time, of some ten microseconds each: at first, since two of them find nothing kept for
-them, and at the end, since the others wait."""
+"""Runs that a thread takes at a time, most often of a row each, which takes some ten microseconds: at first, since two
+rows find nothing kept for them, and at the end, since the others wait."""
 
 COLUMNS_TILE = 4
 """Columns on the way back: those at the borders of a polar raster have been read by many."""
@@ -54,7 +54,8 @@ class Inputs:
         normal: Normals, the same shape.
         position: Positions, the same shape.
         mask: Weight of each pixel as a tap, shape (v, 1, h, w).
-        known: Which pixels have a value of their own, bool, shape (v, 1, h, w); ``None`` means whose mask is above 0.
+        known: Which pixels have a value of their own, bool, shape (v, 1, h, w), or numbers, of which 1 is such a value
+            and 1/2 one that is compared as if it were; ``None`` means whose mask is above 0.
         region: Labels from 0 to 30, bytes, shape (v, 1, h, w); ``None`` means 0.
         inverse: Inverse squared widths of radiance, normal and position in each pass, shape (p, 3).
         factors: What these are multiplied by at each pixel, shape (v, 3, h, w); ``None`` means 1.
@@ -190,7 +191,7 @@ def blend_stack(inputs: Inputs, *, save: bool = False, columns: Columns | None =
         image, mask = after, next_mask
         if spare is not None and ahead is not None and ahead.chosen is not level.chosen:
             _run(copy_runs, level.runs, (level.runs, array_of(image), array_of(spare)))
-    return Blended(image if levels else image.clone(), torch.from_numpy(known > 0), mask, images, totals)
+    return Blended(image if levels else image.clone(), torch.from_numpy(known == 1), mask, images, totals)
 
 
 def _places(images: Tensor, shape: Sequence[int]) -> Iterator[Tensor]:
@@ -320,8 +321,7 @@ def _gather(
 
 def _run(kernel: Callable[..., object], runs: NDArray[np.int32], arguments: Sequence[Any]) -> None:
     """Calls a kernel on runs."""
-    tile = runs_of_rows(TILE, runs)
-    run(kernel, len(runs), arguments, tile=tile, least=max(1, tile * LEAST // TILE))
+    run(kernel, len(runs), arguments, tile=TILE, least=LEAST)
 
 
 class _Level(NamedTuple):

@@ -93,6 +93,7 @@ CASES = {
     "sparse": (simple(2, 1), {"mask": "sparse"}),
     "fill": (simple(4, 2, 1), {"mask": "soft", "options": FILL}),
     "literal": (simple(2, 1), {"mask": "hard", "options": LITERAL}),
+    "literal, not all reached": (simple(1), {"mask": "sparse", "options": LITERAL}),
     "center": (simple(2, 1), {"mask": "hard", "options": CENTER}),
     "factors": (simple(2, 1), {"mask": "soft", "factors": True}),
     "kernels": (simple(2, 1), {"mask": "soft", "kernels": True}),

@@ -15,6 +15,7 @@ from fovden.filters.kernels.blend import (
     ALL_SUMS,
     BLOCKS,
     CHANNELS,
+    LOG2_E,
     MASK,
     NORMAL,
     ONE,
@@ -69,12 +70,15 @@ def is_symmetric(taps: Any) -> bool:
 
 
 @inlined
-def have_values(view: View, at: Int, x: Int) -> bool:
-    """Whether all of the block's pixels have a value of their own, and so the same scale of radiance."""
-    known = True
-    for place in range(at, at + min(WIDTH, view.width - x)):
-        known = known and view.known[place] > ZERO
-    return known
+def are_shared(scales: Any, inverse: Any, count: Int) -> bool:
+    """Whether so many pixels all have the pass's scale of radiance, and not 0 as those without a value of their own.
+
+    The scales are asked, and not the values once more: another thread may have found one in the meantime.
+    """
+    shared = True
+    for lane in range(count):
+        shared = shared and scales[lane] == inverse[0] * -LOG2_E
+    return shared
 
 
 def scratch_for(blocks: int, step: int) -> int:
@@ -124,7 +128,7 @@ def begin_block(
     if y + soon < view.height:
         ask_for(view, at + soon * view.width)
     scale_block(inverse, view.known, view.factors, view.has_factors, view.plane, at, x, view.width, scales)
-    shared = symmetric and not view.has_factors and have_values(view, at, x)
+    shared = symmetric and not view.has_factors and are_shared(scales, inverse, min(WIDTH, view.width - x))
     if shared:
         base, apart = rows.floats, rows.apart
         lines = advanced(kept.floats, slot_in(kept, order) + x - rows.left)

@@ -18,9 +18,9 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.lanes import WIDTH, copy_floats
 from fovden.jit import Int, inlined, kernel, vectorised
-from fovden.simd import I32, I64, advanced, copy_floats, pointer_to
+from fovden.simd import I32, I64, advanced, pointer_to
 
 BOTH, FORTH, BACK = 0, 1, 2
 

@@ -19,7 +19,7 @@ from fovden.filters.kernels.gather import (
     gather_row,
 )
 from fovden.filters.kernels.hand_back import Gradients, gradients_of, hand_back
-from fovden.filters.kernels.lanes import WIDTH, ZERO
+from fovden.filters.kernels.lanes import WIDTH, ZERO, opaque
 from fovden.filters.kernels.pairs import (
     AFTER_NEXT,
     KEPT_ROWS,
@@ -58,7 +58,7 @@ from fovden.filters.kernels.shares import (
     write_factors,
 )
 from fovden.jit import Int, inlined, kernel
-from fovden.simd import advanced, opaque, pointer_to, prefetch, stack_floats, stack_words
+from fovden.simd import advanced, pointer_to, prefetch, stack_floats, stack_words
 
 BLOCKS = 16  # blocks that a row of taps is gathered from before the next row
 ALL_SUMS = BLOCKS * BLOCK_SUMS

@@ -21,9 +21,9 @@ class Gradients(NamedTuple):
     Attributes:
         image: Of the image, of 3 channels.
         widths: Of the inverse squared widths as the pixels have them, of 3.
-        normal: Of normals, of 3; of none if they are not wanted, like the following.
-        position: Of positions, of 3.
-        mask: Of the mask, of 1.
+        normal: Of normals, of 3; of none if they are not wanted.
+        position: Of positions, likewise.
+        mask: Of the mask, of 1; left alone if it is not wanted.
     """
 
     image: Any

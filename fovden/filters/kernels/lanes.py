@@ -1,4 +1,4 @@
-"""Sixteen pixels of a row at a time: reads and writes, masked or not, and powers of two.
+"""Sixteen pixels of a row at a time: reads, writes and copies, masked or not, and powers of two.
 
 Under a mask, what lies outside a row, or outside the pixels that a pass works on, is neither read nor written: images
 need no padding, and two threads may work on neighbouring pixels.
@@ -12,9 +12,10 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.extending import intrinsic
 
 from fovden.jit import Float, inlined
-from fovden.simd import F32, I32, I64, Builder, Lanes, Value, fused, load, splat
+from fovden.simd import F32, FLOATS, I32, I64, Builder, Lanes, Value, fused, load, splat
 
 WIDTH = 16
 """Pixels of a block. Where a processor's vectors are shorter, LLVM takes two or four of them."""
@@ -30,6 +31,33 @@ EXP2 = tuple(map(np.float32, (1.0000001, 0.69314694, 0.2402212, 0.05550713, 0.00
 
 ZERO = np.float32(0.0)
 BYTE, WORD = ir.IntType(8), types.int64
+
+
+@intrinsic
+def opaque(context: Any, number: Any) -> Any:
+    """The number, of which LLVM cannot tell how it came about.
+
+    Of a loop whose body reads some hundred places, LLVM makes as many counters, keeps them on the stack, and counts all
+    of them up each time. A counter that the body sees through this function stays the only one.
+    """
+
+    def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        same = ir.InlineAsm(ir.FunctionType(I64, [I64]), "", "=r,0")
+        return builder.call(same, arguments)
+
+    return types.int64(types.int64), generate
+
+
+@intrinsic
+def copy_floats(context: Any, source: Any, target: Any, count: Any) -> Any:
+    """Copies numbers from one place to another."""
+
+    def generate(backend: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        source, target, count = arguments
+        cgutils.raw_memcpy(builder, target, source, count, 4)
+        return backend.get_dummy_value()
+
+    return types.none(FLOATS, FLOATS, types.int64), generate
 
 
 def in_row(builder: Builder, x: Value, width: Value) -> Value:

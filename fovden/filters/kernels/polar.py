@@ -27,11 +27,11 @@ from fovden.filters.kernels.blend import (
     view_of,
 )
 from fovden.filters.kernels.columns import Beside, aligned, find_rows, read_strip
-from fovden.filters.kernels.lanes import WIDTH, ZERO
+from fovden.filters.kernels.lanes import WIDTH, ZERO, opaque
 from fovden.filters.kernels.pairs import SCRAP
 from fovden.filters.kernels.weigh import add_taps
 from fovden.jit import Int, inlined, kernel
-from fovden.simd import advanced, opaque, pointer_to, stack_floats
+from fovden.simd import advanced, pointer_to, stack_floats
 
 
 class Desk(NamedTuple):

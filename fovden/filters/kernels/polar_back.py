@@ -16,7 +16,7 @@ from fovden.filters.kernels.blend import CHANNELS, MASK, NORMAL, Guides, Passes,
 from fovden.filters.kernels.columns import BACK, FORTH, aligned, clear_strip, find_rows, read_strip
 from fovden.filters.kernels.gather import gather_differing, gather_row
 from fovden.filters.kernels.hand_back import Gradients, gradients_of, hand_back
-from fovden.filters.kernels.lanes import WIDTH, ZERO
+from fovden.filters.kernels.lanes import WIDTH, ZERO, opaque
 from fovden.filters.kernels.pairs import SCRAP
 from fovden.filters.kernels.polar import Desk, desk_for, read_guides
 from fovden.filters.kernels.shares import (
@@ -34,7 +34,7 @@ from fovden.filters.kernels.shares import (
     write_factors,
 )
 from fovden.jit import Int, inlined, kernel
-from fovden.simd import advanced, opaque, pointer_to, stack_floats
+from fovden.simd import advanced, pointer_to, stack_floats
 
 HALF = np.float32(0.5)
 

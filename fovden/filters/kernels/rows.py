@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.lanes import WIDTH, copy_floats
 from fovden.jit import Int, inlined
-from fovden.simd import advanced, copy_floats, stack_words
+from fovden.simd import advanced, stack_words
 
 SLOTS = 5
 HELD = 3 * SLOTS

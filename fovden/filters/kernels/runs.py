@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fovden.filters.kernels.lanes import WIDTH
+from fovden.filters.kernels.lanes import WIDTH, copy_floats
 from fovden.jit import Int, kernel
-from fovden.simd import advanced, copy_floats, pointer_to
+from fovden.simd import advanced, pointer_to
 
 
 @kernel
@@ -32,12 +32,6 @@ def runs_of(chosen: NDArray[np.bool_], number: int) -> NDArray[np.int32]:
     change = np.flatnonzero(padded[1:] != padded[:-1])
     row, first = np.divmod(change[::2], apart)
     return np.stack([row, first, change[1::2] - row * apart, np.full_like(row, number)], axis=1).astype(np.int32)
-
-
-def runs_of_rows(rows: int, runs: NDArray[np.int32]) -> int:
-    """How many runs some rows have that lie beside each other; a ring has two in most of its rows."""
-    passed = 1 + int(np.count_nonzero(np.diff(runs[:, [0, 3]], axis=0).any(1)))
-    return max(1, -(-rows * len(runs) // passed))
 
 
 def spread(chosen: NDArray[np.bool_], step: int, rows: int) -> NDArray[np.bool_]:

@@ -22,7 +22,7 @@ from fovden.jit import Int, inlined, vectorised
 from fovden.simd import FLOATS, I64, Lanes, fused, load, store
 
 
-def _exponent(builder: Any, here: Any, there: Any, scale: Any, tap: Lanes) -> Lanes:
+def _exponent(here: Any, there: Any, scale: Any, tap: Lanes) -> Lanes:
     """Of a tap; ``tap`` is log2 of its kernel."""
     q = tap
     for feature in range(3):
@@ -54,7 +54,7 @@ def add_taps_vector(
         total = [load(builder, sums, k * WIDTH, WIDTH) for k in range(4)]
         places = [builder.add(tap, builder.mul(step, ir.Constant(I64, i - 2))) for i in range(5)]
         there = [[read(builder, guide, place, plane) for guide in guides] for place in places]
-        powers = exp2_all([_exponent(builder, here, there[i], scale, number_at(builder, taps, i)) for i in range(5)])
+        powers = exp2_all([_exponent(here, there[i], scale, number_at(builder, taps, i)) for i in range(5)])
         for i in range(5):
             store(builder, powers[i], line_at(builder, kept, apart, i))
             total = _add(total, powers[i], load(builder, weight, places[i], WIDTH, align=4), there[i][0])
@@ -110,7 +110,7 @@ def weigh_beside_vector(
         for i in (1, 2):
             place = builder.add(at, builder.mul(step, ir.Constant(I64, i)))
             there = [read(builder, guide, place, plane) for guide in guides]
-            exponents.append(_exponent(builder, here, there, scale, number_at(builder, taps, 2 + i)))
+            exponents.append(_exponent(here, there, scale, number_at(builder, taps, 2 + i)))
         for i, power in enumerate(exp2_all(exponents)):
             store(builder, power, line_at(builder, kept, apart, i))
         return target.get_dummy_value()
