@@ -11,6 +11,7 @@ The operator is opaque to ``torch.compile`` and ``torch.export``, which know the
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from typing import Any
 
 import torch
@@ -64,7 +65,7 @@ def _(*arguments: Any) -> tuple[Tensor, ...]:
     image, known = radiance.new_empty(radiance.shape), mask.new_empty(mask.shape, dtype=torch.bool)
     after = mask.new_empty(mask.shape if fill else 0)
     size = (height, width) if heights is None else (width, places_of(height))
-    count = len(set(levels)) if save else 0
+    count = len(list(groupby(levels))) if save else 0  # of neighbours, as the kernels take them
     images = radiance.new_empty(max(count - 1, 0), views, 3, *size)
     return image, known, after, images, radiance.new_empty(count, 2 if fill else 1, views, 1, *size)
 
