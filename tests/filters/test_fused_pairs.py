@@ -12,7 +12,9 @@ from fovden.filters.fused import Inputs, blend_stack, return_gradients
 STEPS = (16, 3, 1)
 
 
-def inputs_of(height=70, width=85, *, unknown=False, layers=False, rings=False, kernels=None):
+def inputs_of(
+    height=70, width=85, *, unknown=False, layers=False, rings=False, kernels=None, fill=False, factors=False
+):
     """Two views of random images, under a soft mask; with layers side by side, or rings one after the other."""
     generator = torch.Generator().manual_seed(3)
 
@@ -34,7 +36,8 @@ def inputs_of(height=70, width=85, *, unknown=False, layers=False, rings=False, 
         steps, labels = STEPS * 3, tuple(number // len(STEPS) for number in range(3 * len(STEPS)))
         levels = tuple(range(len(steps)))
     inverse = torch.full((len(steps), 3), 2.0)
-    return Inputs(rand(3), rand(3), rand(3), mask, known, region, inverse, None, kernels, steps, labels, levels, False)
+    images = rand(3), rand(3), rand(3), mask, known, region
+    return Inputs(*images, inverse, 0.5 + rand(3) if factors else None, kernels, steps, labels, levels, fill)
 
 
 def outcome(inputs, everything=True):
@@ -49,6 +52,8 @@ SETTINGS = {
     "unknown pixels": {"unknown": True},
     "layers": {"layers": True},
     "rings": {"width": 250, "rings": True},
+    "filled": {"fill": True, "unknown": True},
+    "widths of their own": {"factors": True, "layers": True},
     "narrow": {"width": 5},
     "flat": {"height": 3},
     "1024 wide": {"width": 1024, "height": 40},
